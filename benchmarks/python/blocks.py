@@ -4,8 +4,8 @@
 a torus with waves of all lengths and noise, closed, written strip by strip. Every build runs in a process of its
 own, under a limit of its data of 1.25 times ``--memory``. The largest ``RssAnon`` is sampled, beyond what a process
 has with the modules loaded. ``--in-memory`` builds so many triangles in memory, to compare with; 0 leaves it out.
-Files are opened, checked and cut in another process. ``--workers 2`` builds in one process of one thread, too, and
-on so many workers of a Dask cluster, of a thread each.
+Files are opened, checked and cut in another process. ``--workers 2`` builds on one worker of a Dask cluster, too,
+and on so many, of a thread each.
 """
 
 from __future__ import annotations
@@ -189,6 +189,7 @@ def main() -> None:
     parser.add_argument("--memory", type=float, default=2e9, help="bytes of a build in blocks (%(default)s)")
     parser.add_argument("--in-memory", type=float, default=10e6, help="triangles of the build beside them")
     parser.add_argument("--workers", type=int, default=0, help="also on so many workers of a cluster")
+    parser.add_argument("--workers-alone", action="store_true", help="not in one process")
     parser.add_argument("--quality", nargs="+", default=["best", "fast"])
     parser.add_argument("--folder", type=Path, help="where files are made; some 150 bytes per triangle")
     parser.add_argument("--output", type=Path, default=RESULTS, help="folder for the results (%(default)s)")
@@ -196,9 +197,10 @@ def main() -> None:
     rows = []
     runs = [(int(asked.in_memory), 0, 0, 0)] if asked.in_memory else []
     for faces in asked.faces:
-        runs.append((int(faces), int(asked.memory), 0, 0))
+        if not asked.workers_alone:
+            runs.append((int(faces), int(asked.memory), 0, 0))
         if asked.workers:
-            runs += [(int(faces), int(asked.memory), 1, workers) for workers in (0, asked.workers)]
+            runs += [(int(faces), int(asked.memory), 1, workers) for workers in (1, asked.workers)]
     written = 0
     with tempfile.TemporaryDirectory(dir=asked.folder) as folder:
         source, target = Path(folder) / "scan.ply", Path(folder) / "scan.nanite"

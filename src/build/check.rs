@@ -3,6 +3,7 @@
 use rayon::prelude::*;
 use rustc_hash::FxHashSet;
 
+use super::bits::Bits;
 use super::lock_borders::{border_kept, locked_kept};
 use super::slabs::Slabs;
 use crate::error::{Error, Result};
@@ -140,27 +141,6 @@ impl Seen {
             }
         }
         Ok(())
-    }
-}
-
-/// A bit for each identity.
-struct Bits(Vec<u64>);
-
-impl Bits {
-    fn new(count: usize) -> Self {
-        Self(vec![0; count.div_ceil(64)])
-    }
-
-    /// Whether it was not set before.
-    fn set(&mut self, id: u32) -> bool {
-        let (word, bit) = (&mut self.0[id as usize / 64], 1 << (id % 64));
-        let new = *word & bit == 0;
-        *word |= bit;
-        new
-    }
-
-    fn has(&self, id: u32) -> bool {
-        self.0.get(id as usize / 64).is_some_and(|word| word >> (id % 64) & 1 == 1)
     }
 }
 

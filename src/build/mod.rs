@@ -5,6 +5,7 @@
 
 pub mod assemble;
 pub mod attribute_error;
+pub mod bits;
 pub mod check;
 pub mod clusterize;
 pub mod collapse;

@@ -10,6 +10,7 @@ use super::block::{Common, GroupEntry, Made};
 use super::page_file::PageFileSink;
 use super::spool::{Record, SpoolReader};
 use crate::build::assemble::{Member, Packed, write_page};
+use crate::build::bits::Bits;
 use crate::build::dag::group_number;
 use crate::error::{Error, Result};
 use crate::layout::{GroupSize, Paging, hierarchy, paginate, spatial_order};
@@ -23,7 +24,7 @@ use crate::model::{
 };
 
 /// Groups that are looked at at a time.
-const WINDOW: usize = 1 << 12;
+const WINDOW: usize = 1 << 10;
 /// An identity without a name.
 const UNNAMED: u32 = u32::MAX;
 
@@ -124,7 +125,7 @@ pub fn assemble(
     };
     // What each cluster was made from, its words and its triangles; by group.
     let mut seen: Vec<(u32, Vec<u32>, u64)> = Vec::with_capacity(all.len());
-    let mut source_used = vec![false; vertex_count as usize];
+    let mut source_used = Bits::new(vertex_count as usize);
     let widths: Vec<usize> = common.channels.iter().map(ChannelInfo::width).collect();
     let width = widths.iter().sum::<usize>();
     let mut columns: Vec<Vec<u32>> = widths.iter().map(|of| vec![0; vertex_count as usize * of]).collect();
@@ -150,10 +151,12 @@ pub fn assemble(
                 }
             }
             seen.push(group);
-            used.iter().for_each(|name| source_used[*name as usize] = true);
+            for name in used {
+                source_used.set(name);
+            }
         }
     }
-    let source_vertices = source_used.iter().filter(|used| **used).count() as u64;
+    let source_vertices = source_used.count();
     drop(source_used);
     let Paging { table, order, first } = paginate(&spatial, |g| {
         let entry = stages.entry(all[g as usize]);
