@@ -55,6 +55,13 @@ pub fn assemble<S: PageSink>(mut graph: Graph, mut report: BuildReport, sink: S)
     let (names, vertex_count) = names_in(&paging.order);
     let (packed, Paging { table, order, first }) = pack(&names);
     let boxes: Vec<Aabb> = order.iter().map(|g| boxes[*g as usize]).collect();
+    let triangles = |c: u32| graph.clusters[c as usize].mesh.triangles.len() as u16;
+    let mut made = vec![0u16; graph.groups.len()];
+    for (cluster, number) in graph.clusters.iter().zip(0..) {
+        if let Some(made) = made.get_mut(cluster.refined as usize) {
+            *made += triangles(number);
+        }
+    }
     let groups: Vec<Group> = order
         .iter()
         .zip(&boxes)
@@ -76,7 +83,8 @@ pub fn assemble<S: PageSink>(mut graph: Graph, mut report: BuildReport, sink: S)
                 attribute_error: group.attribute_error,
                 min_own_error: own_errors.fold(f32::INFINITY, f32::min),
                 rank: group.rank,
-                reserved: 0,
+                triangles: group.members.iter().map(|c| triangles(*c)).sum(),
+                made: made[*g as usize],
             }
         })
         .collect();

@@ -224,6 +224,8 @@ fn group(dag: &Dag, window: &Window<'_>, g: usize) -> Result<()> {
     holds(end <= window.records(page).len(), "it goes on behind its page")?;
     holds(group.error > 0.0, "the error is not positive")?;
     holds(group.error >= group.distance().max(group.attribute_error), "the error is below what cuts state")?;
+    let triangles: u32 = group.members().map(|at| u32::from(window.record(at).triangle_count)).sum();
+    holds([0, triangles].contains(&u32::from(group.triangles)), "its members do not have its triangles")?;
     for at in group.members() {
         let record = window.record(at);
         holds(group.lod_sphere.contains(&record.lod_sphere), "a member's sphere is not inside the group's")?;
@@ -315,6 +317,10 @@ fn borders(dag: &Dag, seen: &Seen, proceed: InterruptCheck<'_>) -> Result<usize>
                 let after = corners(&window, outputs.of_group(*g).iter().copied());
                 ensure(!after.is_empty(), || {
                     format!("group {g}: has an error, but nothing was made from it")
+                })?;
+                let group = &dag.groups[*g];
+                ensure(group.triangles == 0 || usize::from(group.made) == after.len(), || {
+                    format!("group {g}: {} triangles were made from it, not {}", after.len(), group.made)
                 })?;
                 let mut all: Vec<Corner> = before.iter().chain(&after).flatten().copied().collect();
                 all.sort_unstable_by_key(|corner| corner.bits);

@@ -163,7 +163,8 @@ impl OneLevel {
                     attribute_error: 0.0,
                     min_own_error: SOURCE_ERROR,
                     rank: ROOT_ERROR,
-                    reserved: 0,
+                    triangles: self.clusters[members.clone()].iter().map(|c| c.triangles.len() as u16).sum(),
+                    made: 0,
                 }
             })
             .collect();

@@ -11,7 +11,7 @@ use super::page_file::PageFileSink;
 use super::spool::{Record, SpoolReader};
 use crate::build::assemble::{Member, Packed, write_page};
 use crate::build::bits::Bits;
-use crate::build::dag::group_number;
+use crate::build::dag::{BuildCluster, group_number};
 use crate::error::{Error, Result};
 use crate::layout::{GroupSize, Paging, hierarchy, paginate, spatial_order};
 use crate::limits::CLUSTER_MAX_TRIANGLES;
@@ -123,8 +123,10 @@ pub fn assemble(
     let names_of = |at: At, record: &Record| -> Vec<u32> {
         record.ids.iter().map(|id| names[at.block as usize][*id as usize]).collect()
     };
-    // What each cluster was made from, its words and its triangles; by group.
-    let mut seen: Vec<(u32, Vec<u32>, u64)> = Vec::with_capacity(all.len());
+    // Of each group its words, its triangles, and what its clusters were made from.
+    let mut seen: Vec<(u32, u16, Vec<u32>)> = Vec::with_capacity(all.len());
+    // Triangles of what was made from each.
+    let mut made = vec![0u16; all.len()];
     let mut source_used = Bits::new(vertex_count as usize);
     let widths: Vec<usize> = common.channels.iter().map(ChannelInfo::width).collect();
     let width = widths.iter().sum::<usize>();
@@ -134,14 +136,15 @@ pub fn assemble(
             let names = names_of(at, &record);
             let words = record.clusters.iter().map(|c| Packed::of(&record.store, c, &names).words());
             let words = words.sum::<usize>() as u32;
-            let refined = record.clusters.iter().map(|c| stages.refined(at.block, c.refined)).collect();
-            let triangles = record.clusters.iter().map(|c| c.mesh.triangles.len() as u64).sum();
+            let refined = |c: &BuildCluster| stages.refined(at.block, c.refined);
+            let clusters: Vec<(u32, u16)> =
+                record.clusters.iter().map(|c| (refined(c), c.mesh.triangles.len() as u16)).collect();
             let of_source = record.clusters.iter().filter(|c| c.level == 0);
             let used: Vec<u32> =
                 of_source.flat_map(|c| &c.mesh.vertices).map(|v| names[*v as usize]).collect();
-            Ok(((words, refined, triangles), used, names, record.words))
+            Ok((words, clusters, used, names, record.words))
         })?;
-        for (group, used, names, words) in found {
+        for (size, clusters, used, names, words) in found {
             for (name, row) in names.iter().zip(words.chunks_exact(width.max(1))) {
                 let mut rest = row;
                 for (column, width) in columns.iter_mut().zip(&widths) {
@@ -150,7 +153,13 @@ pub fn assemble(
                     rest = behind;
                 }
             }
-            seen.push(group);
+            for (refined, triangles) in &clusters {
+                if let Some(made) = made.get_mut(*refined as usize) {
+                    *made += triangles;
+                }
+            }
+            let triangles = clusters.iter().map(|(_, triangles)| triangles).sum();
+            seen.push((size, triangles, clusters.into_iter().map(|(refined, _)| refined).collect()));
             for name in used {
                 source_used.set(name);
             }
@@ -189,7 +198,8 @@ pub fn assemble(
                 attribute_error: group.attribute_error,
                 min_own_error: group.min_own_error,
                 rank: group.rank,
-                reserved: 0,
+                triangles: seen[*g as usize].1,
+                made: made[*g as usize],
             }
         })
         .collect();
@@ -200,7 +210,7 @@ pub fn assemble(
         None => (NO_GROUP, NO_PAGE),
     };
     report.clusters = table.iter().map(|entry| u64::from(entry.clusters)).sum();
-    report.triangles = seen.iter().map(|group| group.2).sum();
+    report.triangles = seen.iter().map(|group| u64::from(group.1)).sum();
     report.fill = report.triangles as f64 / (report.clusters as usize * CLUSTER_MAX_TRIANGLES) as f64;
     report.welded_vertices = report.input_vertices - report.unreferenced_vertices - source_vertices;
     let mut face_ids = Vec::new();
@@ -232,7 +242,7 @@ pub fn assemble(
         report,
     };
     let refined = |page: usize| {
-        let own = order[mesh.groups_of(page)].iter().flat_map(|g| &seen[*g as usize].1);
+        let own = order[mesh.groups_of(page)].iter().flat_map(|g| &seen[*g as usize].2);
         own.map(|refined| made_from(*refined).1)
     };
     let dependencies = dependencies(mesh.pages.table.len(), refined);

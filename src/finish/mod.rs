@@ -28,7 +28,7 @@ use crate::lod::{CutArrays, FaceBudget, attribute_error_with, error_with, extrac
 use crate::math::sphere::round_up;
 use crate::mesh::channels::{Scale, scales};
 use crate::mesh::hash;
-use crate::model::{ClusterAddress, Dag, Group};
+use crate::model::{ClusterAddress, Dag, Group, InterruptCheck};
 
 /// Triangles that are gathered for each triangle to remove: the cheapest edges are chosen among them.
 const ROOM: u64 = 6;
@@ -103,7 +103,7 @@ pub struct Part {
 }
 
 impl Finisher {
-    /// Tabulates a mesh whose pages are all in memory.
+    /// Tabulates a mesh; [`FaceBudget::is_stated`] tells whether its pages are in memory then.
     pub fn new(dag: &Dag) -> Self {
         let infos: Vec<_> = dag.channels.iter().map(|channel| channel.info.clone()).collect();
         let report = &dag.report;
@@ -120,6 +120,16 @@ impl Finisher {
         }
         let found = scales(&dag.channels)?;
         Ok(self.scales.get_or_init(|| found))
+    }
+
+    /// Loads the pages that cuts of `target` triangles look at, where the mesh is in a file.
+    pub fn load(&self, dag: &Dag, target: u64, proceed: InterruptCheck<'_>) -> Result<()> {
+        let beside = self.budget.beside(target);
+        let fine = beside.fine.unwrap_or(beside.coarse);
+        let faces = self.budget.faces(fine);
+        // That a small one is measured against.
+        let finer = if faces <= SMALL { self.budget.beside(FINER * faces).coarse } else { fine };
+        self.budget.load(dag, fine.min(finer), proceed)
     }
 
     /// A cut of whole groups: the finest with at most `target` triangles, or the coarsest there is.

@@ -540,7 +540,7 @@ impl Head {
         }
         let Metadata { layout, grid, vertex_count, .. } = self.metadata;
         let first_identity = row.first_identity;
-        let context = Context { layout, grid, groups: &self.groups, own, first_identity };
+        let context = Context { layout, grid, groups: &self.groups, own: own.clone(), first_identity };
         let step = context.step();
         // Bounded by the bytes of the page, which are there: see `page_table`.
         let mut words = vec![0u32; row.words as usize];
@@ -554,6 +554,15 @@ impl Head {
         };
         if !records.iter().all(depends) {
             return Err(fault("what was made from the groups of another does not name it"));
+        }
+        let mut rest = records;
+        for group in &self.groups[own] {
+            let (members, behind) = rest.split_at(group.count as usize);
+            rest = behind;
+            let triangles: u32 = members.iter().map(|record| u32::from(record.triangle_count)).sum();
+            if ![0, triangles].contains(&u32::from(group.triangles)) {
+                return Err(fault("a group does not have the triangles that it says"));
+            }
         }
         Ok(words.into())
     }

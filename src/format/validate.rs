@@ -233,6 +233,12 @@ fn groups(dag: &Dag) -> Result<(), Fault> {
     let clusters = dag.cluster_count();
     ensure(clusters_before == clusters, Kind::Groups, || {
         format!("{clusters_before} members for {clusters} clusters")
+    })?;
+    // What is made of groups is in groups, too. Files of before do not say how many triangles they have.
+    let stated = dag.groups.iter().all(|group| group.triangles > 0);
+    let source: i64 = dag.groups.iter().map(|g| i64::from(g.triangles) - i64::from(g.made)).sum();
+    ensure(!stated || source == dag.source_faces as i64, Kind::Groups, || {
+        format!("they have {source} triangles of the source, but {} in the metadata", dag.source_faces)
     })
 }
 

@@ -105,7 +105,13 @@ pub struct Beside {
 }
 
 impl FaceBudget {
-    /// Tabulates a mesh whose pages are all in memory. Costs one pass over the clusters.
+    /// Whether a mesh says how many triangles its groups have; otherwise all of its pages are asked.
+    pub fn is_stated(dag: &Dag) -> bool {
+        dag.groups.iter().all(|group| group.triangles > 0)
+    }
+
+    /// Tabulates a mesh. Costs one pass over the groups, or, unless they say how many triangles they have, over the clusters
+    /// of all pages, which are in memory.
     pub fn new(dag: &Dag) -> Self {
         let mut order: Vec<u32> = (0..dag.groups.len() as u32).collect();
         let of = |g: &u32| &dag.groups[*g as usize];
@@ -121,18 +127,25 @@ impl FaceBudget {
         });
         let mut ranks = vec![0; order.len()];
         order.iter().zip(0..).for_each(|(g, rank)| ranks[*g as usize] = rank);
-        let (mut source, mut steps) = (0, vec![0i64; order.len()]);
-        for (group, rank) in dag.groups.iter().zip(&ranks) {
-            for at in group.members() {
-                let record = dag.record(at);
-                let triangles = i64::from(record.triangle_count);
-                steps[*rank as usize] -= triangles;
-                match ranks.get(record.refined as usize) {
-                    Some(refined) => steps[*refined as usize] += triangles,
-                    None => source += triangles,
+        let mut steps = vec![0i64; order.len()];
+        if Self::is_stated(dag) {
+            for (group, rank) in dag.groups.iter().zip(&ranks) {
+                steps[*rank as usize] = i64::from(group.made) - i64::from(group.triangles);
+            }
+        } else {
+            for (group, rank) in dag.groups.iter().zip(&ranks) {
+                for at in group.members() {
+                    let record = dag.record(at);
+                    let triangles = i64::from(record.triangle_count);
+                    steps[*rank as usize] -= triangles;
+                    if let Some(refined) = ranks.get(record.refined as usize) {
+                        steps[*refined as usize] += triangles;
+                    }
                 }
             }
         }
+        // Where all are replaced nothing is left.
+        let mut source = -steps.iter().sum::<i64>();
         let replaceable = order.iter().take_while(|g| of(g).error.is_finite()).count();
         let mut faces = vec![source.max(0) as u64];
         for step in &steps[..replaceable] {
@@ -145,6 +158,19 @@ impl FaceBudget {
     /// Triangles of the cut in which so many groups are replaced.
     pub fn faces(&self, replaced: usize) -> u64 {
         self.faces[replaced]
+    }
+
+    /// Loads the pages of all groups but the first so many, where the mesh is in a file: what [`Self::clusters`] and
+    /// [`Self::next`] look at.
+    pub fn load(&self, dag: &Dag, replaced: usize, proceed: InterruptCheck<'_>) -> Result<()> {
+        if dag.pages.source().is_none() {
+            return Ok(());
+        }
+        let groups = self.order[replaced.min(self.order.len())..].iter();
+        let mut pages: Vec<usize> = groups.map(|g| dag.groups[*g as usize].first.page()).collect();
+        pages.sort_unstable();
+        pages.dedup();
+        dag.pages.load(pages.into_iter(), proceed)
     }
 
     /// The cuts beside a number of triangles.

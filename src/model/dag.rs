@@ -52,8 +52,10 @@ pub struct Group {
     /// What a group costs, as a length that does not fall along the DAG: for a number of triangles, those of the
     /// least rank are taken coarser first. +∞ where nothing was made from it.
     pub rank: f32,
-    /// Zero: keeps records on 16-byte boundaries.
-    pub reserved: u32,
+    /// Triangles of its members; 0 in files that do not say so.
+    pub triangles: u16,
+    /// Triangles of what was made from it.
+    pub made: u16,
 }
 
 const _: () = assert!(size_of::<Group>() == 80);

@@ -25,7 +25,7 @@ use crate::decimate::{Decimated, Goal};
 use crate::error::{Error, Result};
 use crate::finish::{FinishedCut, Finisher};
 use crate::format::{self, Precision};
-use crate::lod::{CutArrays, channel_rows, load, select};
+use crate::lod::{CutArrays, FaceBudget, channel_rows, load, select};
 use crate::math::affine::Affine;
 use crate::math::octahedral::angle_of_bits;
 use crate::mesh::SourceMesh;
@@ -274,8 +274,12 @@ impl Mesh {
     /// less than the coarsest has, that.
     fn cut_faces(&self, py: Python<'_>, target: u64, exact: bool) -> PyResult<Cut> {
         let finisher = interruptible(py, |proceed| {
-            self.dag.pages.load_all(proceed)?;
-            Ok(once(&self.finisher, || Finisher::new(&self.dag)))
+            if !FaceBudget::is_stated(&self.dag) {
+                self.dag.pages.load_all(proceed)?;
+            }
+            let finisher = once(&self.finisher, || Finisher::new(&self.dag));
+            finisher.load(&self.dag, target, proceed)?;
+            Ok(finisher)
         })?;
         let cut =
             // What is simplified beyond whole groups is measured at rest.

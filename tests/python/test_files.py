@@ -57,6 +57,25 @@ def test_saved_and_opened_is_equal(mesh, tmp_path) -> None:
     assert [p.name for p in tmp_path.iterdir() if "nanite" not in p.suffix] == []
 
 
+def test_cuts_for_budgets_read_what_they_need(tmp_path) -> None:
+    """Their pages and no others, and they are those of a mesh in memory."""
+    vertices, faces = nrs.shapes.displaced_icosphere(faces=100_000, seed=5)
+    path = tmp_path / "mesh.nanite"
+    nrs.NaniteMesh.from_arrays(vertices, faces, progress=False).save(path)
+    whole = nrs.NaniteMesh.open(path)
+    whole.cut(error=0.0)
+    for target in np.geomspace(30, 99_000, 40 if SOAK else 9).astype(int).tolist():
+        mesh = nrs.NaniteMesh.open(path)
+        before = mesh.nbytes
+        cut, expected = mesh.cut(target_faces=target), whole.cut(target_faces=target)
+        np.testing.assert_array_equal(cut.faces, expected.faces)
+        np.testing.assert_array_equal(cut.vertices, expected.vertices)
+        assert cut.error == expected.error
+        if target < 2_000:
+            assert mesh.nbytes - before < 0.2 * (whole.nbytes - before)
+    assert mesh.cut(target_faces=500).error == whole.cut(target_faces=500).error
+
+
 @pytest.mark.parametrize("precision", ["auto", 0.01, 0.3])
 def test_rounded_files_state_what_they_lost(tmp_path, precision) -> None:
     """Positions are on the grid, off by what is stated, and nothing more is lost by saving again."""

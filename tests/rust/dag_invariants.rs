@@ -11,7 +11,7 @@ use nanite_rs::lod::{FaceBudget, cut_error, extract, select};
 use nanite_rs::math::LodView;
 use nanite_rs::mesh::{Positions, SourceMesh};
 use nanite_rs::model::rule::Threshold;
-use nanite_rs::model::{ClusterAddress, Dag, UNINTERRUPTED};
+use nanite_rs::model::{ClusterAddress, Dag, Group, UNINTERRUPTED};
 
 use crate::shapes::{self, Mesh};
 
@@ -247,4 +247,25 @@ fn soups_islands_and_flat_shading_reach_a_small_root() {
     check(&dag, UNINTERRUPTED).unwrap();
     let root: u32 = dag.groups.iter().filter(|g| g.error.is_infinite()).map(|g| g.count).sum();
     assert!(root <= 4, "{root} clusters stay roots: {:?}", dag.report);
+}
+
+/// What groups say of their triangles is what their clusters have.
+#[test]
+fn budgets_follow_from_groups_alone() {
+    for mesh in [shapes::bumpy_sphere(40), shapes::unindexed(&shapes::cube(6))] {
+        let dag = build_mesh(&mesh);
+        let stated = FaceBudget::new(&dag);
+        let mut silent = dag.clone();
+        silent.groups = dag.groups.iter().map(|group| Group { triangles: 0, made: 0, ..*group }).collect();
+        assert!(FaceBudget::is_stated(&dag) && !FaceBudget::is_stated(&silent));
+        assert_eq!(FaceBudget::new(&silent), stated);
+        check(&silent, UNINTERRUPTED).unwrap();
+        for wrong in [|group: &mut Group| group.triangles += 1, |group: &mut Group| group.made += 1] {
+            let mut groups = dag.groups.to_vec();
+            groups.iter_mut().rfind(|group| group.error.is_finite()).map(wrong).unwrap();
+            silent.groups = groups.into();
+            let error = check(&silent, UNINTERRUPTED).unwrap_err().to_string();
+            assert!(error.contains("triangles"), "{error}");
+        }
+    }
 }
