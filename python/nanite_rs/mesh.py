@@ -398,9 +398,10 @@ class NaniteMesh(Geometry):
     ) -> NaniteMesh:
         """Open a ``.nanite`` file that `save` wrote, whatever its size, in milliseconds or two requests.
 
-        What describes the mesh is read. Pages are read when they are needed: by a cut for an error those that
-        it is made of, by a `Renderer` with ``streaming=True`` those that its pictures need, by everything else all;
-        and but for those of a renderer they stay in memory. A channel is read when it is looked up in a cut, and
+        What describes the mesh is read. Pages are read when they are needed: by a cut those that it is made of, by
+        a `Renderer` with ``streaming=True`` those that its pictures need, by everything else all; and but for those
+        of a renderer they stay in memory. For a number of faces a cut reads all pages of files of before that do
+        not say how many their groups have. A channel is read when it is looked up in a cut, and
         face ids when `source_face_ids` or a frame is asked for them; `check`, ``==`` and pickling read all.
         `save` reads a few pages at a time, which do not stay.
         The file stays open as long as the mesh and its cuts live; writing another one over it with `save` is safe.

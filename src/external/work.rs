@@ -156,6 +156,11 @@ impl Work {
         Ok(Self { folder, options: options.clone(), manifest })
     }
 
+    /// Where it writes.
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
     fn write_manifest(&self) -> Result<()> {
         // A struct of numbers and strings always has a JSON form.
         let bytes = serde_json::to_vec_pretty(&self.manifest).unwrap_or_default();

@@ -114,10 +114,37 @@ fn target(path: &Path) -> std::io::Result<PathBuf> {
     Err(std::fs::metadata(path).err().unwrap_or_else(|| std::io::ErrorKind::InvalidInput.into()))
 }
 
+/// Whether files of one folder can be renamed to those of another.
+fn is_one_disk(a: &Path, b: &Path) -> bool {
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::MetadataExt;
+        let disk = |folder: &Path| std::fs::metadata(folder).ok().map(|folder| folder.dev());
+        disk(a).is_some_and(|own| disk(b) == Some(own))
+    }
+    #[cfg(not(unix))]
+    {
+        let _ = (a, b);
+        false
+    }
+}
+
 /// Writes a mesh: to a temporary file beside the target, synced, then renamed over it. Whatever happens, the
 /// target is the old file or the new one, whole. It keeps the mode of the old one; a symbolic link goes on being one,
 /// and what it leads to is replaced. Returns how many triangles of the source have no area on the grid.
 pub fn save(dag: &Dag, path: &Path, precision: Precision, proceed: InterruptCheck<'_>) -> Result<u64> {
+    save_by_way_of(dag, path, precision, None, proceed)
+}
+
+/// The same, with the temporary file in a folder that is cleared away by others, should the process be killed; as far as files
+/// of that folder can be renamed to the target, and otherwise beside it.
+pub fn save_by_way_of(
+    dag: &Dag,
+    path: &Path,
+    precision: Precision,
+    way: Option<&Path>,
+    proceed: InterruptCheck<'_>,
+) -> Result<u64> {
     let rounded = Rounded::new(dag, precision, proceed)?;
     let target = target(path).map_err(io(path))?;
     let old = match std::fs::metadata(&target) {
@@ -140,7 +167,9 @@ pub fn save(dag: &Dag, path: &Path, precision: Precision, proceed: InterruptChec
         // What the umask leaves of it, as for any new file; the default of temporary files is 0600.
         builder.permissions(std::fs::Permissions::from_mode(0o666));
     }
-    let file = builder.tempfile_in(folder).map_err(io(path))?;
+    let file = builder
+        .tempfile_in(way.filter(|way| is_one_disk(way, folder)).unwrap_or(folder))
+        .map_err(io(path))?;
     let flattened = rounded.flattened;
     rounded.store(FileSink::new(BufWriter::new(file.as_file()), path))?;
     if let Some(permissions) = old {

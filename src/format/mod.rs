@@ -30,7 +30,7 @@ pub mod validate;
 
 pub use decode::{FIRST_READ, from_bytes};
 pub use encode::to_bytes;
-pub use file::save;
+pub use file::{save, save_by_way_of};
 pub use info::{FileInfo, file_info, input_info};
 pub use quantize::{FINE_PART, Precision, quantize};
 pub use stored::{Stored, open, open_input};

@@ -92,7 +92,8 @@ impl BlockBuild {
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<u64> {
         interruptible(py, |proceed| {
             let mesh = self.work.finish()?;
-            format::save(&mesh, &path, Precision::Auto, proceed)
+            let folder = Some(self.work.folder());
+            format::save_by_way_of(&mesh, &path, Precision::Auto, folder, proceed)
         })
     }
 }
