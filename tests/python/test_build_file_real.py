@@ -103,7 +103,7 @@ def test_scans_as_one_soup_of_tiles(tmp_path) -> None:
 
 
 def capture(faces: int, charts: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """A closed surface with an atlas: a chart is what is nearest to a direction, seen from there, in its own cell."""
+    """A closed surface with an atlas: a chart is what is nearest to a direction, seen from there, in a cell."""
     vertices, triangles = nrs.shapes.displaced_icosphere(faces=faces, seed=3)
     views = np.random.default_rng(4).normal(size=(charts, 3))
     views /= np.linalg.norm(views, axis=1, keepdims=True)
