@@ -610,8 +610,21 @@ def test_face_channels_come_along(materials, tmp_path) -> None:
             for of, c in zip(segments, (full, cut), strict=True)
         ]
         assert np.allclose(areas[1], areas[0], rtol=0.03)
-    with pytest.raises(nrs.ArgumentError, match=r"face_channels\['heat'\]: floating-point"):
-        built((vertices, faces, {"face_channels": {"heat": centers[:, 0]}}), tmp_path)
+    # Numbers are averaged to vertices, beside labels and without them.
+    heat = np.sin(np.arange(len(faces)) / 100).astype(np.float32)
+    for labels in ({}, given["face_channels"]):
+        own = {**given, "face_channels": {**labels, "heat": heat}}
+        with pytest.warns(nrs.UsageWarning, match="averaged to vertices"):
+            mesh = built((vertices, faces, own), tmp_path)
+        with pytest.warns(nrs.UsageWarning, match="averaged to vertices"):
+            other = in_memory((vertices, faces), tmp_path, **own).cut(error=0.0)
+        full = mesh.cut(error=0.0)
+        assert set(full.face_channels) == set(labels)
+        rows = []
+        for cut in (full, other):
+            of_corners = np.column_stack([cut.vertices, cut.channels["heat"]])[cut.faces.reshape(-1)]
+            rows.append(of_corners[np.lexsort(of_corners.T)])
+        assert np.array_equal(*rows)
 
 
 def test_pieces_may_share_vertices(tmp_path) -> None:
