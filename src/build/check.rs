@@ -65,12 +65,14 @@ struct Seen {
     vertices: usize,
 }
 
-/// A vertex of a cluster.
-#[derive(Clone, Copy, Debug)]
-struct Corner {
-    /// The bits of its position.
-    bits: [u32; 3],
-    id: u32,
+/// The bits of a position behind a number, such as an identity: in one number, so that sorting is fast.
+fn behind(number: u32, p: [f32; 3]) -> u128 {
+    p.iter().fold(u128::from(number), |key, x| key << 32 | u128::from(x.to_bits()))
+}
+
+/// The bits of a position in one number.
+fn bits(p: [f32; 3]) -> u128 {
+    behind(0, p)
 }
 
 impl Seen {
@@ -89,7 +91,7 @@ impl Seen {
         let mut known = Bits::new(dag.vertex_count as usize);
         let mut verified = vec![false; pages.len()];
         for slab in 0..slabs.count() {
-            let mut corners = Vec::new();
+            let mut keys = Vec::new();
             for pages in slabs.pages(slab).chunks(WINDOW_PAGES) {
                 let window = dag.pages.window(pages.iter().copied(), proceed)?;
                 let new: Vec<usize> = pages
@@ -115,29 +117,32 @@ impl Seen {
                             format!("cluster {at:?}: identity {id} is out of range")
                         })?;
                         if slabs.of(p) == slab {
-                            corners.push(Corner { bits: p.map(f32::to_bits), id });
+                            keys.push(behind(id, p));
                         }
                     }
                 }
             }
-            seen.add(corners, &mut known, dag.grid.is_some())?;
+            seen.add(keys, &mut known, dag.grid.is_some())?;
         }
         Ok(seen)
     }
 
-    /// An identity has one position everywhere.
-    fn add(&mut self, mut corners: Vec<Corner>, known: &mut Bits, on_grid: bool) -> Result<()> {
-        corners.par_sort_unstable_by_key(|corner| (corner.id, corner.bits));
-        corners.dedup_by_key(|corner| (corner.id, corner.bits));
-        for corner in &corners {
-            ensure(known.set(corner.id), || format!("identity {} has two positions", corner.id))?;
+    /// An identity has one position everywhere; positions come behind identities.
+    fn add(&mut self, mut keys: Vec<u128>, known: &mut Bits, on_grid: bool) -> Result<()> {
+        let id = |key: &u128| (key >> 96) as u32;
+        keys.par_sort_unstable();
+        keys.dedup();
+        for key in &keys {
+            ensure(known.set(id(key)), || format!("identity {} has two positions", id(key)))?;
         }
-        self.vertices += corners.len();
+        self.vertices += keys.len();
         if on_grid {
-            corners.par_sort_unstable_by_key(|corner| corner.bits);
-            let several = corners.chunk_by(|a, b| a.bits == b.bits).filter(|same| same.len() > 1);
-            for corner in several.flatten() {
-                self.doubtful.set(corner.id);
+            // Positions before identities.
+            keys.par_iter_mut().for_each(|key| *key = key.rotate_left(32));
+            keys.par_sort_unstable();
+            let several = keys.chunk_by(|a, b| a >> 32 == b >> 32).filter(|same| same.len() > 1);
+            for key in several.flatten() {
+                self.doubtful.set(*key as u32);
             }
         }
         Ok(())
@@ -313,26 +318,19 @@ fn borders(dag: &Dag, seen: &Seen, proceed: InterruptCheck<'_>) -> Result<usize>
             let after = own.iter().flat_map(|g| outputs.of_group(*g)).map(|at| at.page());
             let window = dag.pages.window(before.chain(after), proceed)?;
             own.par_iter().try_for_each(|g| {
-                let before = corners(&window, dag.groups[*g].members());
-                let after = corners(&window, outputs.of_group(*g).iter().copied());
+                let group = &dag.groups[*g];
+                let mut surface = Surface::default();
+                let before = surface.add(&window, group.members());
+                let after = surface.add(&window, outputs.of_group(*g).iter().copied());
                 ensure(!after.is_empty(), || {
                     format!("group {g}: has an error, but nothing was made from it")
                 })?;
-                let group = &dag.groups[*g];
                 ensure(group.triangles == 0 || usize::from(group.made) == after.len(), || {
                     format!("group {g}: {} triangles were made from it, not {}", after.len(), group.made)
                 })?;
-                let mut all: Vec<Corner> = before.iter().chain(&after).flatten().copied().collect();
-                all.sort_unstable_by_key(|corner| corner.bits);
-                let (mut points, mut is_shared) = (Vec::new(), Vec::new());
-                for same in all.chunk_by(|a, b| a.bits == b.bits) {
-                    points.push(same[0].bits);
-                    let certain = same.iter().all(|corner| !seen.doubtful.has(corner.id));
-                    is_shared.push(certain && same.iter().any(|corner| shared.has(corner.id)));
-                }
-                let local = |corner: Corner| points.partition_point(|p| *p < corner.bits) as u32;
-                let edges = |faces: &[[Corner; 3]]| {
-                    Edges::of(&faces.iter().map(|f| f.map(local)).collect::<Vec<_>>())
+                let (points, is_shared) = surface.points(&shared, &seen.doubtful);
+                let edges = |triangles: &[[u32; 3]]| {
+                    Edges::of(&triangles.iter().map(|t| t.map(|v| points[v as usize])).collect::<Vec<_>>())
                 };
                 // Nor is it known there what of the boundary was the mesh's own.
                 let (before, after) = (edges(&before), edges(&after));
@@ -368,7 +366,7 @@ fn shared(dag: &Dag, seen: &Seen, level: u32, proceed: InterruptCheck<'_>) -> Re
     let slabs = Slabs::new(dag, &pages);
     let mut out = Bits::new(dag.vertex_count as usize);
     for slab in 0..slabs.count() {
-        let mut corners: Vec<(Corner, u32)> = Vec::new();
+        let mut corners: Vec<(u128, u32)> = Vec::new();
         for pages in slabs.pages(slab).chunks(WINDOW_PAGES) {
             let window = dag.pages.window(pages.iter().copied(), proceed)?;
             for at in pages.iter().flat_map(|page| addresses(dag, *page)) {
@@ -376,15 +374,17 @@ fn shared(dag: &Dag, seen: &Seen, level: u32, proceed: InterruptCheck<'_>) -> Re
                 let geometry = window.geometry(at);
                 let own = geometry.ids.iter().zip(geometry.positions.iter());
                 let own = own.filter(|(_, p)| slabs.of(*p) == slab);
-                corners.extend(own.map(|(id, p)| (Corner { bits: p.map(f32::to_bits), id }, owner)));
+                // Positions before owners.
+                corners.extend(own.map(|(id, p)| (behind(owner, p).rotate_left(32), id)));
             }
         }
-        corners.par_sort_unstable_by_key(|(corner, owner)| (corner.bits, *owner));
-        for same in corners.chunk_by(|(a, _), (b, _)| a.bits == b.bits) {
-            let first = same[0].1;
-            if same.iter().any(|(_, owner)| *owner != first && *owner != NO_OWNER) {
-                for (corner, _) in same {
-                    out.set(corner.id);
+        corners.par_sort_unstable_by_key(|(key, _)| *key);
+        for same in corners.chunk_by(|(a, _), (b, _)| a >> 32 == b >> 32) {
+            let mut owners = same.iter().map(|(key, _)| *key as u32);
+            let first = owners.next();
+            if owners.any(|owner| Some(owner) != first && owner != NO_OWNER) {
+                for (_, id) in same {
+                    out.set(*id);
                 }
             }
         }
@@ -429,15 +429,34 @@ impl Outputs {
     }
 }
 
-/// The triangles of clusters.
-fn corners(window: &Window<'_>, clusters: impl Iterator<Item = ClusterAddress>) -> Vec<[Corner; 3]> {
-    let of_cluster = |at| {
-        let geometry = window.geometry(at);
-        let corner = move |v: u8| Corner {
-            bits: geometry.positions.get(usize::from(v)).map(f32::to_bits),
-            id: geometry.ids.get(usize::from(v)),
-        };
-        geometry.triangles.iter().map(move |t| t.map(corner))
-    };
-    clusters.flat_map(of_cluster).collect()
+/// The vertices of some clusters: bits of positions, and identities.
+#[derive(Default)]
+struct Surface(Vec<(u128, u32)>);
+
+impl Surface {
+    /// Adds clusters; returns their triangles.
+    fn add(&mut self, window: &Window<'_>, clusters: impl Iterator<Item = ClusterAddress>) -> Vec<[u32; 3]> {
+        let mut triangles = Vec::new();
+        for at in clusters {
+            let geometry = window.geometry(at);
+            let first = self.0.len() as u32;
+            self.0.extend(geometry.positions.iter().map(bits).zip(geometry.ids.iter()));
+            triangles.extend(geometry.triangles.iter().map(|t| t.map(|v| first + u32::from(v))));
+        }
+        triangles
+    }
+
+    /// For each vertex the number of its position; and for each position whether one of its identities is shared and none is
+    /// doubtful.
+    fn points(&self, shared: &Bits, doubtful: &Bits) -> (Vec<u32>, Vec<bool>) {
+        let mut order: Vec<u32> = (0..self.0.len() as u32).collect();
+        order.sort_unstable_by_key(|v| self.0[*v as usize].0);
+        let (mut numbers, mut found) = (vec![0; order.len()], Vec::new());
+        for same in order.chunk_by(|a, b| self.0[*a as usize].0 == self.0[*b as usize].0) {
+            same.iter().for_each(|v| numbers[*v as usize] = found.len() as u32);
+            let mut ids = same.iter().map(|v| self.0[*v as usize].1);
+            found.push(ids.clone().any(|id| shared.has(id)) && !ids.any(|id| doubtful.has(id)));
+        }
+        (numbers, found)
+    }
 }

@@ -339,8 +339,8 @@ impl Growth {
         let positions = Arc::new(LevelPositions::new(store, &meshes));
         let groups = partition(store.layout, &meshes, &positions, options);
         let single = pending.len() == 1 && self.part.is_none();
-        let last = level + 1 == MAX_LEVELS || single && counts.triangles <= self.enough;
-        if options.levels == Levels::One || last && self.part.is_none() {
+        let last = options.levels == Levels::One || level + 1 == MAX_LEVELS;
+        if self.part.is_none() && (single && counts.triangles <= self.enough || last) {
             counts.groups = groups.len() as u32;
             for group in &groups {
                 let members: Vec<u32> = group.iter().map(|c| pending[*c as usize]).collect();

@@ -5,8 +5,8 @@ use std::ops::Range;
 
 use crate::model::Dag;
 
-/// Clusters of a slab at most, about: some ten million vertices of 20 bytes.
-const SLAB_CLUSTERS: usize = 1 << 17;
+/// Clusters of a slab at most, about: some five million vertices, of which 32 bytes are kept each.
+const SLAB_CLUSTERS: usize = 1 << 16;
 /// By how much boxes of groups may be too small; [`super::check`] allows for less.
 const SLACK: f32 = 1.0e-6;
 

@@ -46,24 +46,31 @@ pub struct Blocks {
     pub count: usize,
 }
 
+/// A block is made of cubes of cells with at most one in so many of its triangles.
+const CUBES: u64 = 8;
+
 impl Blocks {
-    /// Blocks of neighbouring cells with at most `most` triangles, or one cell; `counts` has those of each cell.
+    /// Blocks of neighbouring cells with at most `most` triangles, or one cell; `counts` has those of each cell. They are as few
+    /// as that allows, and about as large as each other, so that workers end together.
     pub fn new(counts: &[u64], most: u64) -> Self {
         let mut sums = Vec::with_capacity(counts.len() + 1);
         sums.push(0);
         counts.iter().for_each(|count| sums.push(sums[sums.len() - 1] + count));
+        let total = sums[counts.len()];
+        // A cube goes where its middle is: a block may have half of one more at both of its ends.
+        let room = if total > most { (most - most / (CUBES + 1)).max(1) } else { total.max(1) };
+        let fair = total.div_ceil(total.div_ceil(room).max(1)).max(1);
         let mut cubes = Vec::new();
-        split(&sums, 0..counts.len(), most, &mut cubes);
+        split(&sums, 0..counts.len(), if total > most { (fair / CUBES).max(1) } else { most }, &mut cubes);
         let mut blocks = Self { of_cell: vec![0; counts.len()], count: 0 };
-        let mut held = u64::MAX;
+        let mut last = None;
         for cube in cubes {
-            let own = sums[cube.end] - sums[cube.start];
-            // Neighbours in Morton order make one block where they fit.
-            if held.saturating_add(own) > most {
+            // Neighbours in Morton order.
+            let place = (sums[cube.start] + sums[cube.end]) / 2 / fair;
+            if last != Some(place) {
                 blocks.count += 1;
-                held = 0;
+                last = Some(place);
             }
-            held += own;
             blocks.of_cell[cube].fill(blocks.count as u32 - 1);
         }
         blocks
@@ -103,8 +110,9 @@ mod tests {
         counts.iter().zip(&blocks.of_cell).for_each(|(count, block)| held[*block as usize] += count);
         assert_eq!(held.iter().sum::<u64>(), total);
         assert!(held.iter().all(|count| (1..=500).contains(count)), "{held:?}");
-        // At most twice as many as are needed: two that follow each other do not fit one.
-        assert!(blocks.count as u64 <= 2 * total.div_ceil(500) + 1);
+        assert!(blocks.count as u64 <= total.div_ceil(500 - 500 / 9), "{held:?}");
+        let [least, largest] = [held.iter().min().unwrap(), held.iter().max().unwrap()];
+        assert!(4 * least >= 3 * largest, "{held:?}");
         assert_eq!(Blocks::new(&counts, total).count, 1);
     }
 

@@ -17,7 +17,7 @@ use super::spool::SpoolReader;
 use crate::build::Meter;
 use crate::build::memory::trim_heap;
 use crate::build::silhouette::Silhouette;
-use crate::config::BuildOptions;
+use crate::config::{BuildOptions, Levels};
 use crate::error::{Error, Result};
 use crate::math::Aabb;
 use crate::mesh::channels::{self, Scale, scales_of};
@@ -105,6 +105,10 @@ impl Work {
         key: &str,
     ) -> Result<Self> {
         options.validate()?;
+        // Blocks find in later stages what they have in common.
+        if options.levels == Levels::One {
+            return Err(Error::argument("memory", "one level is built in memory alone"));
+        }
         let key = format!("{key} {memory} {:?}", BuildOptions { threads: 0, ..options.clone() });
         let folder = folder.join(BLOCKS);
         if let Some(manifest) = read_manifest(&folder)?

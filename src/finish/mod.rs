@@ -23,7 +23,7 @@ use crate::build::content::Content;
 use crate::build::dag::RELAX_REACH;
 use crate::build::simplify::{Finished, collapse_loosely_to, collapse_to, prune_to, thin_to};
 use crate::build::store::LocalMesh;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::lod::{CutArrays, FaceBudget, attribute_error_with, error_with, extract_numbered};
 use crate::math::sphere::round_up;
 use crate::mesh::channels::{Scale, scales};
@@ -155,12 +155,19 @@ impl Finisher {
         let coarser = self.budget.clusters(dag, beside.coarse);
         let bisected = || finish.bisected(&clusters, &coarser, target);
         let [more, fewer] = [fine, beside.coarse].map(|replaced| self.budget.faces(replaced));
+        // What a file states of its groups need not be so.
+        if [faces_of(dag, &clusters), faces_of(dag, &coarser)] != [more, fewer] {
+            return Err(Error::Invariant("groups do not have the triangles that they state".into()));
+        }
         if FEW_PART * (target - fewer) <= more - fewer {
             return bisected();
         }
         let excess = more - target;
         let enough = (ROOM * excess).max(LEAST);
         let groups = self.gather(dag, fine, enough);
+        if groups.is_empty() {
+            return bisected();
+        }
         if dag.report.preserve_area {
             // Collapses would shrink islands; the coarser cut covers as much as the source.
             return finish.thinned(&clusters, &groups, excess)?.map_or_else(bisected, Ok);
@@ -197,19 +204,21 @@ impl Finisher {
     /// The groups that are replaced next, until they have `enough` triangles together.
     fn gather<'a>(&'a self, dag: &'a Dag, fine: usize, enough: u64) -> Vec<&'a Group> {
         let mut sum = 0;
-        let triangles = |group: &Group| -> u64 {
-            group.members().map(|at| u64::from(dag.record(at).triangle_count)).sum()
-        };
         let mut groups = Vec::new();
         for group in self.budget.next(dag, fine) {
             groups.push(group);
-            sum += triangles(group);
+            sum += group.members().map(|at| u64::from(dag.record(at).triangle_count)).sum::<u64>();
             if sum >= enough {
                 break;
             }
         }
         groups
     }
+}
+
+/// Triangles of clusters.
+fn faces_of(dag: &Dag, clusters: &[ClusterAddress]) -> u64 {
+    clusters.iter().map(|at| u64::from(dag.record(*at).triangle_count)).sum()
 }
 
 /// What finishing a cut needs.

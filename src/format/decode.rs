@@ -555,15 +555,7 @@ impl Head {
         if !records.iter().all(depends) {
             return Err(fault("what was made from the groups of another does not name it"));
         }
-        let mut rest = records;
-        for group in &self.groups[own] {
-            let (members, behind) = rest.split_at(group.count as usize);
-            rest = behind;
-            let triangles: u32 = members.iter().map(|record| u32::from(record.triangle_count)).sum();
-            if ![0, triangles].contains(&u32::from(group.triangles)) {
-                return Err(fault("a group does not have the triangles that it says"));
-            }
-        }
+        validate::triangles(&self.groups[own], records).map_err(fault)?;
         Ok(words.into())
     }
 }

@@ -51,7 +51,24 @@ pub fn page(dag: &Dag, page: usize, words: &[u32]) -> Result<(), Fault> {
     let limits =
         PageLimits { layout: dag.layout(), groups: &dag.groups, vertex_count: dag.vertex_count, step };
     let checked = limits.check(entry.clusters, entry.faces, words);
-    checked.map(drop).map_err(|what| (Kind::Pages, format!("page {page}: {what}")))
+    let records = checked.map_err(|what| (Kind::Pages, format!("page {page}: {what}")))?;
+    let stated = triangles(&dag.groups[dag.groups_of(page)], records);
+    stated.map_err(|what| (Kind::Pages, format!("page {page}: {what}")))
+}
+
+/// Checks that groups, whose members are the clusters of a page, have the triangles that they say.
+pub fn triangles(groups: &[Group], records: &[ClusterRecord]) -> Result<(), &'static str> {
+    let mut rest = records;
+    for group in groups {
+        let (members, behind) =
+            rest.split_at_checked(group.count as usize).ok_or("fewer clusters than its groups have")?;
+        rest = behind;
+        let triangles: u32 = members.iter().map(|record| u32::from(record.triangle_count)).sum();
+        if ![0, triangles].contains(&u32::from(group.triangles)) {
+            return Err("a group does not have the triangles that it says");
+        }
+    }
+    Ok(())
 }
 
 /// Checks the words of a channel.

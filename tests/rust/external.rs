@@ -1,11 +1,9 @@
-//! Builds in blocks: of one level, and of all.
+//! Builds in blocks.
 
 use nanite_rs::build::{Meter, Silent, check};
-use nanite_rs::config::{BuildOptions, Levels};
+use nanite_rs::config::BuildOptions;
 use nanite_rs::external::Work;
-use nanite_rs::lod::{load, select};
 use nanite_rs::mesh::{Positions, SourceMesh};
-use nanite_rs::model::rule::{ROOT_ERROR, Threshold};
 use nanite_rs::model::{Dag, UNINTERRUPTED};
 
 use crate::shapes;
@@ -27,24 +25,6 @@ fn in_blocks(source: &SourceMesh<'_>, options: &BuildOptions, then: impl FnOnce(
     let dag = work.finish().unwrap();
     check(&dag, UNINTERRUPTED).unwrap();
     then(&dag, stages);
-}
-
-#[test]
-fn one_level_is_the_source() {
-    let (positions, faces) = shapes::bumpy_sphere(80);
-    let source = SourceMesh::new(Positions::F32(&positions), &faces);
-    let options = BuildOptions { levels: Levels::One, ..BuildOptions::default() };
-    in_blocks(&source, &options, |dag, stages| {
-        assert_eq!((stages, dag.report.levels.len()), (1, 1));
-        assert!(dag.groups.iter().all(|group| group.level == 0 && group.error == ROOT_ERROR));
-        for error in [0.0, 1.0e9] {
-            let threshold = Threshold::Uniform(error);
-            load(dag, &threshold, UNINTERRUPTED).unwrap();
-            let clusters = select(dag, &threshold);
-            let triangles = clusters.iter().map(|at| usize::from(dag.record(*at).triangle_count));
-            assert_eq!(triangles.sum::<usize>(), faces.len());
-        }
-    });
 }
 
 #[test]
