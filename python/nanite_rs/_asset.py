@@ -32,6 +32,9 @@ TRIANGLES: Final = 4
 STRIP: Final = 5
 FAN: Final = 6
 
+#: UV sets that a mesh can have.
+UV_SETS: Final = 4
+
 GLTF_SLOTS: Final = {
     "base_color_texture": "baseColorTexture",
     "metallic_roughness_texture": "metallicRoughnessTexture",

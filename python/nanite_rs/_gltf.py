@@ -24,6 +24,7 @@ from nanite_rs._asset import (
     MIPMAPS,
     NEAREST,
     POINTS,
+    UV_SETS,
     WRAPS,
     Asset,
     Notes,
@@ -85,8 +86,6 @@ _NEAREST: Final = [number for (own, _), number in MINIFICATION.items() if own ==
 # Extensions that name the image of a texture, in the order in which they are tried.
 _IMAGES: Final = ("EXT_texture_webp", "EXT_texture_avif", "MSFT_texture_dds", "KHR_texture_basisu")
 
-# UV sets that a mesh can have.
-_UV_SETS: Final = 4
 
 # Attributes that are read, and those of skins, for which there is a note. Tangents follow from UVs.
 _READ: Final = re.compile(r"POSITION|NORMAL|TANGENT|COLOR_0|TEXCOORD_[0-3]|JOINTS_\d+|WEIGHTS_\d+|_.*")
@@ -851,7 +850,7 @@ class _Vertices:
 
     def uvs(self) -> list[NDArray[np.float32]]:
         """Return the UV sets, v up. Those that are missing are zero: others keep their numbers."""
-        known = [number for number in range(_UV_SETS) if f"TEXCOORD_{number}" in self._attributes]
+        known = [number for number in range(UV_SETS) if f"TEXCOORD_{number}" in self._attributes]
         sets = []
         for number in range(max(known, default=-1) + 1):
             uv = np.zeros((self._count or 0, 2))

@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 import shutil
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from nanite_rs import _colors, _gltf
 from nanite_rs._accessors import TYPES, WIDTHS, Document
-from nanite_rs._asset import TRIANGLES, triangles
+from nanite_rs._asset import TRIANGLES, UV_SETS, triangles
 from nanite_rs._piece_vertices import FileVertices
 from nanite_rs._pieces import ROWS
 from nanite_rs.exceptions import FileError, FormatError, MeshError, NaniteError
@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 
     from nanite_rs._asset import Notes
     from nanite_rs._pieces import Spool
-
-_UV_SETS: Final = 4
 
 
 class _Mapped(Document):
@@ -93,7 +91,7 @@ def size_of(path: str) -> int:
     FormatError
         It is no glTF.
     """
-    document = _Mapped(path, Path())
+    document = Document(path, _mapped(path), None)
     size = Path(path).stat().st_size
     for row in document.listed(document.json, "buffers"):
         if isinstance(row, dict) and "uri" in row:
@@ -200,7 +198,7 @@ class _Primitive:
                 unit = np.clip(np.nan_to_num(rows, nan=1.0), 0.0, 1.0)
                 spool.append("wide colors", _colors.opaque(unit))
             vertices.narrow_colors(_colors.ALL_DIGITS)
-        known = [number for number in range(_UV_SETS) if f"TEXCOORD_{number}" in self.attributes]
+        known = [number for number in range(UV_SETS) if f"TEXCOORD_{number}" in self.attributes]
         for number in range(max(known, default=-1) + 1):
             at = vertices.first
             for rows in self._uvs(number):

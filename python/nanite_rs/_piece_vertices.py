@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import shutil
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from nanite_rs import _colors
-from nanite_rs._asset import as_labels
+from nanite_rs._asset import UV_SETS, as_labels
 from nanite_rs._faces import fits_word, largest, triangulated, wide_colors, zero_where_not_finite
 from nanite_rs._pieces import CHANNEL, Spool, core_words
 from nanite_rs.exceptions import MeshError
@@ -199,10 +199,6 @@ class FileVertices:
         return polygons
 
 
-#: Most UV sets.
-_UV_SETS: Final = 4
-
-
 class Corners:
     """Corners of a file's polygons as vertices of their own, where faces say what vertices cannot.
 
@@ -273,7 +269,7 @@ class Corners:
                     spool.add_colors(rows, at)
                 elif name.startswith("uvs "):
                     number = int(name[4:]) + wedges
-                    if number < _UV_SETS:
+                    if number < UV_SETS:
                         spool.add_filled(f"uvs {number}", rows, at)
                 else:
                     spool.add_filled(name, rows, at)

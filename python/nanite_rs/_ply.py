@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from nanite_rs import _core
-from nanite_rs._asset import Asset, Notes, Source, StrokePart, fitted
+from nanite_rs._asset import UV_SETS, Asset, Notes, Source, StrokePart, fitted
 from nanite_rs._beside import Pictures, text
 from nanite_rs._faces import add, add_channels, colors_of, corner_numbers, exploded, plain, triangulated
 from nanite_rs.exceptions import FormatError, MeshError
@@ -31,7 +31,6 @@ _COLORS: Final = [
 ]
 #: Names of the list of a face's vertices.
 INDICES: Final = ("vertex_indices", "vertex_index", "vertex_indexes", "indices")
-_UV_SETS: Final = 4
 #: Comments that name a texture.
 TEXTURE: Final = re.compile(rb"comment\s+TextureFile\s+(.+)", re.IGNORECASE)
 
@@ -205,7 +204,7 @@ class _Reader:
         else:
             exploded(source, corners, triangles)
         if own is not None:
-            source.uvs = [own, *source.uvs][:_UV_SETS]
+            source.uvs = [own, *source.uvs][:UV_SETS]
         if colors is not None:
             source.colors = np.repeat(colors, counts, axis=0)
         if numbers is not None:
@@ -283,7 +282,7 @@ def _take_uvs(names: dict[str, NDArray[Any]]) -> list[NDArray[np.float32]]:
             first = match[2] in "su"
             family = "st" if match[2] in "st" else "uv"
             pairs.setdefault((match[1], family, match[3]), {})["first" if first else "second"] = name
-    full = [pair for pair in pairs.values() if len(pair) == 2][:_UV_SETS]
+    full = [pair for pair in pairs.values() if len(pair) == 2][:UV_SETS]
     return [
         np.stack([names.pop(pair["first"]), names.pop(pair["second"])], axis=1).astype(np.float32)
         for pair in full

@@ -124,6 +124,9 @@ impl Finisher {
 
     /// Loads the pages that cuts of `target` triangles look at, where the mesh is in a file.
     pub fn load(&self, dag: &Dag, target: u64, proceed: InterruptCheck<'_>) -> Result<()> {
+        if dag.pages.source().is_none() {
+            return Ok(());
+        }
         let beside = self.budget.beside(target);
         let fine = beside.fine.unwrap_or(beside.coarse);
         let faces = self.budget.faces(fine);

@@ -31,7 +31,16 @@ pub fn load(dag: &Dag, threshold: &Threshold, proceed: InterruptCheck<'_>) -> Re
     if dag.pages.source().is_none() {
         return Ok(());
     }
-    let mut pages: Vec<usize> = candidates(dag, threshold).iter().map(|group| group.first.page()).collect();
+    load_groups(dag, candidates(dag, threshold).into_iter(), proceed)
+}
+
+/// Loads the pages of groups, where the mesh is in a file.
+fn load_groups<'a>(
+    dag: &Dag,
+    groups: impl Iterator<Item = &'a Group>,
+    proceed: InterruptCheck<'_>,
+) -> Result<()> {
+    let mut pages: Vec<usize> = groups.map(|group| group.first.page()).collect();
     pages.sort_unstable();
     pages.dedup();
     dag.pages.load(pages.into_iter(), proceed)
@@ -163,14 +172,8 @@ impl FaceBudget {
     /// Loads the pages of all groups but the first so many, where the mesh is in a file: what [`Self::clusters`] and
     /// [`Self::next`] look at.
     pub fn load(&self, dag: &Dag, replaced: usize, proceed: InterruptCheck<'_>) -> Result<()> {
-        if dag.pages.source().is_none() {
-            return Ok(());
-        }
         let groups = self.order[replaced.min(self.order.len())..].iter();
-        let mut pages: Vec<usize> = groups.map(|g| dag.groups[*g as usize].first.page()).collect();
-        pages.sort_unstable();
-        pages.dedup();
-        dag.pages.load(pages.into_iter(), proceed)
+        load_groups(dag, groups.map(|g| &dag.groups[*g as usize]), proceed)
     }
 
     /// The cuts beside a number of triangles.

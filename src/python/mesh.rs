@@ -274,7 +274,7 @@ impl Mesh {
     /// less than the coarsest has, that.
     fn cut_faces(&self, py: Python<'_>, target: u64, exact: bool) -> PyResult<Cut> {
         let finisher = interruptible(py, |proceed| {
-            if !FaceBudget::is_stated(&self.dag) {
+            if self.finisher.get().is_none() && !FaceBudget::is_stated(&self.dag) {
                 self.dag.pages.load_all(proceed)?;
             }
             let finisher = once(&self.finisher, || Finisher::new(&self.dag));
