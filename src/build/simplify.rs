@@ -186,9 +186,10 @@ fn with_islands(
         chain(&rest, share, Effort::ANY, content, options)
     };
     let mut result = match outcome {
-        Ok(result) => result,
+        // Vertex clustering ignores islands, and takes most of a trunk's area. Where leaves can go, the rest waits.
+        Ok(result) if leaves.is_empty() || result.step != Step::Sloppy => result,
         Err(reason) if leaves.is_empty() => return Err(reason),
-        Err(_) => Simplified {
+        _ => Simplified {
             mesh: rest,
             estimate: 0.0,
             step_error: 0.0,
@@ -197,7 +198,6 @@ fn with_islands(
             step: Step::Permissive,
         },
     };
-    // Vertex clustering ignores islands.
     let grew = if result.step == Step::Sloppy { 0.0 } else { islands.restore(&mut result.mesh, &rest_sight) };
     let mut moved = f64::from(result.estimate) + grew;
     if !leaves.is_empty() {
