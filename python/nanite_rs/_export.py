@@ -13,7 +13,7 @@ import numpy as np
 
 from nanite_rs import _advice, _colors
 from nanite_rs._asset import GLTF_SLOTS, MINIFICATION, TEXTURES, WRAPS, Notes
-from nanite_rs._images import PNG, beside
+from nanite_rs._images import JPEG, PNG, beside
 from nanite_rs.exceptions import FormatError
 from nanite_rs.material import Material, default_material
 
@@ -149,8 +149,8 @@ def integers(image: Image, color: bool, notes: Notes) -> NDArray[Any]:
 
 def image_file(image: Image, color: bool, notes: Notes) -> tuple[bytes, str]:
     """Return an image as the file that it came from, or as PNG, and its ending."""
-    data = image._file
-    if data is not None:
+    data = image.encoded()
+    if data is not None and data.startswith((PNG, JPEG)):
         return data, "png" if data.startswith(PNG) else "jpg"
     return png(integers(image, color, notes)), "png"
 

@@ -216,7 +216,7 @@ class Geometry(Shape):
         """The looks that came with the mesh: that of face material n is the n-th, or the last if there are fewer.
 
         `Scene.add` draws it with them where it is given no other, and cuts have them too. Empty where there were
-        none. Pickles keep them, ``.nanite`` files do not, of which `save` warns.
+        none. Pickles and ``.nanite`` files keep them. Images of an opened file are read when they are looked at.
 
         Examples
         --------

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Any, BinaryIO, Literal
 
 import numpy as np
 
-from nanite_rs import _advice, _checks, _exchange, _face_data, _remote, _sources, _upload, io
+from nanite_rs import _advice, _checks, _exchange, _face_data, _material_files, _remote, _sources, _upload, io
 from nanite_rs._arrays import as_array, core_arrays
 from nanite_rs._core import FINE_PART
 from nanite_rs._core import Mesh as CoreMesh
 from nanite_rs._geometry import Geometry
 from nanite_rs._progress import Progress, reporter
 from nanite_rs.exceptions import ArgumentError, FormatError, UsageWarning
-from nanite_rs.material import Material, default_material, several
+from nanite_rs.material import Material, several
 from nanite_rs.options import BuildOptions, creased, no_options
 from nanite_rs.report import BuildReport, CheckReport
 
@@ -63,10 +63,13 @@ class NaniteMesh(Geometry):
         raise TypeError("use NaniteMesh.from_arrays, from_trimesh, from_file or open")
 
     @classmethod
-    def _wrap(cls, core: CoreMesh, materials: tuple[Material, ...] = ()) -> NaniteMesh:
+    def _wrap(cls, core: CoreMesh, name: str = "<bytes>") -> NaniteMesh:
+        """A mesh with the materials of its file, whose name errors say."""
         mesh = object.__new__(cls)
         mesh._core = core
-        mesh._materials = materials
+        mesh._materials = _material_files.decoded(
+            core.material_table, core.image_count, core.image_file, name
+        )
         mesh._report = None
         mesh._reader = None
         return mesh
@@ -382,7 +385,7 @@ class NaniteMesh(Geometry):
         if "." + file.format == io.NANITE_SUFFIX:
             if file.path is not None and file.given is None:
                 return cls.open(file.path)
-            return cls._wrap(CoreMesh.from_bytes(file.data()))
+            return cls._wrap(CoreMesh.from_bytes(file.data()), file.name)
         source = io.from_file(file, bad_textures=bad_textures)
         options = creased(options, crease_angle, file.format)
         return cls.from_arrays(**source.arrays(), options=options, progress=progress)
@@ -457,7 +460,7 @@ class NaniteMesh(Geometry):
             _sources.checked_options(path, storage_options, cache_dir)
             path = _checks.path_of(path)
             try:
-                return cls._wrap(CoreMesh.open(path))
+                return cls._wrap(CoreMesh.open(path), path)
             except FormatError as error:
                 if "at byte 0" not in str(error):
                     raise
@@ -465,8 +468,8 @@ class NaniteMesh(Geometry):
         return cls._opened(_remote.opened(path, cache_dir, cache_bytes, storage_options))
 
     @classmethod
-    def _opened(cls, reader: _remote.Reader, materials: tuple[Material, ...] = ()) -> NaniteMesh:
-        mesh = cls._wrap(reader.open(CoreMesh.open_input), materials)
+    def _opened(cls, reader: _remote.Reader) -> NaniteMesh:
+        mesh = cls._wrap(reader.open(CoreMesh.open_input), reader.source.name)
         mesh._reader = reader
         return mesh
 
@@ -494,7 +497,7 @@ class NaniteMesh(Geometry):
         whole; until then, and where sending fails or is stopped, the store has what it had. What could not be sent
         is kept, and the error says where. The guide, docs/cloud.md, has more.
 
-        Files hold no materials: where the mesh has some, a `UsageWarning` says so.
+        Files hold `materials` and their images as these were encoded, each once; arrays of bytes become PNG.
 
         Parameters
         ----------
@@ -550,24 +553,19 @@ class NaniteMesh(Geometry):
             raise FormatError(
                 f"{name}: save writes .nanite files; mesh.cut(error=0).export(path) writes {ending}"
             )
-        given = (
-            ("auto", _checks.number(precision, "precision"))
-            if not isinstance(precision, str)
-            else (precision,)
+        how, step = (
+            (precision, None)
+            if isinstance(precision, str)
+            else ("auto", _checks.number(precision, "precision"))
         )
+        # What was opened has those of its file, which need not be read to be written.
+        looks = None if self._core.material_table else _material_files.encoded(self._materials)
         with _upload.written(path, storage_options) as file:
-            flattened = self._core.save(file, *given)
+            flattened = self._core.save(file, how, step, looks)
         if flattened > len(self) / FINE_PART:
             _advice.warn(
                 f"precision: {flattened:,} of {len(self):,} faces have no area in {name}, whose grid is too coarse "
                 'for them; give precision="exact", or a smaller number',
-                UsageWarning,
-            )
-        if any(look not in (Material(), default_material(colored=True)) for look in self._materials):
-            looks = "its look is" if len(self._materials) == 1 else f"its {len(self._materials)} looks are"
-            _advice.warn(
-                f"{name}: .nanite files hold no materials: {looks} not in it; keep mesh.materials, for "
-                "scene.add(opened, material=materials)",
                 UsageWarning,
             )
 
@@ -692,19 +690,21 @@ class NaniteMesh(Geometry):
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle as the URL that it was opened by, or as the bytes of a ``.nanite`` file, with the materials."""
         if self._reader is not None and self._reader.recipe is not None:
-            return _from_url, (self._reader.recipe, self._reader.identity, self._materials)
-        return _from_bytes, (self._core.to_bytes(), self._materials)
+            return _from_url, (self._reader.recipe, self._reader.identity)
+        return _from_bytes, (self._core.to_bytes(), () if self._core.material_table else self._materials)
 
 
-def _from_url(recipe: tuple[Any, ...], identity: Any, materials: tuple[Material, ...]) -> NaniteMesh:
+def _from_url(recipe: tuple[Any, ...], identity: Any) -> NaniteMesh:
     """Open it again, if it is the same file."""
     reader = _remote.opened(*recipe)
     reader.expect(identity)
-    return NaniteMesh._opened(reader, materials)
+    return NaniteMesh._opened(reader)
 
 
 def _from_bytes(data: bytes, materials: tuple[Material, ...] = ()) -> NaniteMesh:
-    return NaniteMesh._wrap(CoreMesh.from_bytes(data), materials)
+    mesh = NaniteMesh._wrap(CoreMesh.from_bytes(data))
+    mesh._materials = mesh._materials or materials
+    return mesh
 
 
 def _look_for_lost_faces(vertices: NDArray[Any], mesh: NaniteMesh) -> None:

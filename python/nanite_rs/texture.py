@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 import numpy as np
 
 from nanite_rs import _advice, _checks, _core
-from nanite_rs._images import JPEG, PNG, read_bytes, read_image
+from nanite_rs._images import read_bytes, read_image
 from nanite_rs.exceptions import ArgumentError, DtypeError, UsageWarning
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import ArrayLike, NDArray
 
 __all__ = ["Image", "Texture"]
@@ -50,7 +52,7 @@ class Image:
     <Image 128 x 128, 1 channel, uint8>
     """
 
-    __slots__ = ("_cores", "_file", "_map", "_pixels")
+    __slots__ = ("_cores", "_decode", "_dtype", "_encoded", "_map", "_pixels", "_shape")
 
     def __init__(self, pixels: ArrayLike) -> None:
         if isinstance(pixels, str | os.PathLike):
@@ -76,12 +78,32 @@ class Image:
                     "pixels: they look like 0 to 255; floats are 0 to 1: give pixels.astype(np.uint8)",
                     UsageWarning,
                 )
-        self._pixels: NDArray[Any] = np.array(array, order="C", copy=True)
-        self._pixels.flags.writeable = False
+        self._keep(np.array(array, order="C", copy=True), None)
+
+    def _keep(self, pixels: NDArray[Any], file: bytes | None) -> None:
+        """Be of these pixels, and the file that they were read from."""
+        height, width, channels = pixels.shape
+        self._begin((height, width, channels), pixels.dtype.name, lambda: file, lambda: pixels)
+        self._look()
+
+    def _begin(
+        self,
+        shape: tuple[int, int, int],
+        dtype: str,
+        encoded: Callable[[], bytes | None],
+        decode: Callable[[], NDArray[Any]],
+    ) -> None:
+        self._shape, self._dtype, self._encoded, self._decode = shape, dtype, encoded, decode
+        self._pixels: NDArray[Any] | None = None
         self._cores: dict[bool, _core.Image] = {}
         self._map: _core.EnvironmentMap | None = None
-        # The file that the pixels were read from, for files that can hold it as it is.
-        self._file: bytes | None = None
+
+    def _look(self) -> NDArray[Any]:
+        """Return the pixels, of which it keeps one array."""
+        pixels = self._decode()
+        pixels.flags.writeable = False
+        self._pixels = pixels
+        return pixels
 
     @classmethod
     def open(cls, path: str | os.PathLike[str]) -> Image:
@@ -102,14 +124,35 @@ class Image:
 
     @classmethod
     def _read(cls, data: bytes, name: str) -> Image:
-        """The content of a file. PNG and JPEG are kept, so that exports write them unchanged."""
-        image = cls(read_image(data, name))
-        image._file = data if data.startswith((PNG, JPEG)) else None
+        """The content of a file, which is kept, so that files hold it unchanged."""
+        return _image(cls(read_image(data, name)).pixels, data)
+
+    @classmethod
+    def _later(
+        cls,
+        shape: tuple[int, int, int],
+        dtype: str,
+        encoded: Callable[[], bytes],
+        decode: Callable[[], NDArray[Any]],
+    ) -> Image:
+        """An image of this shape and type that is read and decoded when it is looked at."""
+        image = object.__new__(cls)
+        image._begin(shape, dtype, encoded, decode)
         return image
+
+    def encoded(self) -> bytes | None:
+        """The file that it was read from, as it was; None of arrays.
+
+        Raises
+        ------
+        FileError, AccessError, ServerError, ChangedFileError, FormatError
+            It is in a ``.nanite`` file that cannot be read.
+        """
+        return self._encoded()
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle the pixels, and the file that they came from."""
-        return _image, (self._pixels, self._file)
+        return _image, (self.pixels, self.encoded())
 
     @classmethod
     def _of(cls, given: Image | ArrayLike | str | os.PathLike[str]) -> Image:
@@ -120,43 +163,54 @@ class Image:
 
     @property
     def pixels(self) -> NDArray[Any]:
-        """(H, W, C), read-only."""
-        return self._pixels
+        """(H, W, C), read-only.
+
+        Of the images of an opened mesh they are read when they are first asked for.
+
+        Raises
+        ------
+        FileError, AccessError, ServerError, ChangedFileError, FormatError, DependencyError
+            It is in a ``.nanite`` file that cannot be read, or damaged.
+        """
+        return self._look() if self._pixels is None else self._pixels
 
     @property
     def size(self) -> tuple[int, int]:
         """Width and height."""
-        return self._pixels.shape[1], self._pixels.shape[0]
+        return self._shape[1], self._shape[0]
 
     def _alpha_varies(self) -> bool:
         """Whether alpha is below 1 anywhere."""
-        pixels = self._pixels
+        if self._shape[2] not in (2, 4):
+            return False
+        pixels = self.pixels
         full = 1.0 if pixels.dtype.kind == "f" else np.iinfo(pixels.dtype).max
-        return pixels.shape[2] in (2, 4) and bool((pixels[..., -1] < full).any())
+        return bool((pixels[..., -1] < full).any())
 
     def _environment(self) -> _core.EnvironmentMap:
         """The image as an environment map."""
         if self._map is None:
-            self._map = _core.EnvironmentMap(self._pixels)
+            self._map = _core.EnvironmentMap(self.pixels)
         return self._map
 
     def _core(self, color: bool) -> _core.Image:
         """The image as renderers have it, of colours or of other numbers."""
-        srgb = color and self._pixels.dtype.kind == "u"
+        srgb = color and self._dtype.startswith("u")
         known = self._cores.get(srgb)
         if known is None:
-            known = self._cores[srgb] = _core.Image(self._pixels, srgb)
+            known = self._cores[srgb] = _core.Image(self.pixels, srgb)
         return known
 
     def __repr__(self) -> str:
-        height, width, channels = self._pixels.shape
+        height, width, channels = self._shape
         plural = "" if channels == 1 else "s"
-        return f"<Image {width} x {height}, {channels} channel{plural}, {self._pixels.dtype}>"
+        return f"<Image {width} x {height}, {channels} channel{plural}, {self._dtype}>"
 
 
 def _image(pixels: NDArray[Any], file: bytes | None) -> Image:
-    image = Image(pixels)
-    image._file = file
+    """An image of pixels that were looked at before, and its file."""
+    image = object.__new__(Image)
+    image._keep(pixels, file)
     return image
 
 

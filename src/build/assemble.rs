@@ -19,8 +19,8 @@ use crate::model::cluster::{NO_GROUP, NO_PAGE, RECORD_WORDS, Streams};
 use crate::model::packing::{VertexRow, vertex_row, write_triangles};
 use crate::model::rule::ROOT_ERROR;
 use crate::model::{
-    AttributeLayout, BuildReport, ClusterRecord, Dag, GeometryId, Group, Outline, Packing, PageEntry,
-    PageSink, PageWords, Pages, Primitive, dependencies,
+    AttributeLayout, BuildReport, ClusterRecord, Dag, GeometryId, Group, Materials, Outline, Packing,
+    PageEntry, PageSink, PageWords, Pages, Primitive, dependencies,
 };
 
 /// Lays the graph out and hands its pages to a sink.
@@ -123,6 +123,7 @@ pub fn assemble<S: PageSink>(mut graph: Graph, mut report: BuildReport, sink: S)
         source_faces: graph.source_faces as u64,
         source_vertices: graph.source_vertices as u64,
         face_ids,
+        materials: Materials::default(),
         primitive: Primitive::Triangles,
         grid: None,
         pose: None,

@@ -18,8 +18,8 @@ use crate::model::cluster::{NO_GROUP, NO_PAGE, RECORD_WORDS};
 use crate::model::packing::{PACKING_WORDS, VertexRow, WIDEST, ordered};
 use crate::model::rule::{ROOT_ERROR, SOURCE_ERROR};
 use crate::model::{
-    AttributeLayout, BuildReport, ClusterRecord, Dag, GeometryId, Group, Packing, PageEntry, PageWords,
-    Pages, Primitive, Words,
+    AttributeLayout, BuildReport, ClusterRecord, Dag, GeometryId, Group, Materials, Packing, PageEntry,
+    PageWords, Pages, Primitive, Words,
 };
 
 /// An ordinary mesh but for where its vertices are. Identities of vertices are the caller's rows.
@@ -194,6 +194,7 @@ impl OneLevel {
             source_faces: triangles as u64,
             source_vertices: self.vertices as u64,
             face_ids: Some(self.face_ids.clone()),
+            materials: Materials::default(),
             primitive: self.primitive,
             grid: None,
             pose: None,

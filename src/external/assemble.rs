@@ -19,8 +19,8 @@ use crate::math::Aabb;
 use crate::model::cluster::{NO_GROUP, NO_PAGE};
 use crate::model::rule::ROOT_ERROR;
 use crate::model::{
-    BuildReport, Channel, ChannelInfo, Dag, GeometryId, Group, Outline, PageWords, Pages, Primitive,
-    dependencies,
+    BuildReport, Channel, ChannelInfo, Dag, GeometryId, Group, Materials, Outline, PageWords, Pages,
+    Primitive, dependencies,
 };
 
 /// Groups that are looked at at a time.
@@ -236,6 +236,7 @@ pub fn assemble(
         source_faces,
         source_vertices,
         face_ids: common.options.face_ids.then(|| face_ids.into()),
+        materials: Materials::default(),
         primitive: Primitive::Triangles,
         grid: None,
         pose: None,

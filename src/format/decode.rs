@@ -19,16 +19,17 @@ use crate::limits::{CLUSTER_MAX_TRIANGLES, PAGE_MAX_BYTES, PAGE_MAX_CLUSTERS};
 use crate::math::Aabb;
 use crate::model::cluster::NO_GROUP;
 use crate::model::{
-    Channel, ChannelInfo, ChannelType, ClusterRecord, Dag, GeometryId, Group, PageEntry, PageWords, Pages,
-    Primitive, Words,
+    Blob, Channel, ChannelInfo, ChannelType, ClusterRecord, Dag, GeometryId, Group, Materials, PageEntry,
+    PageWords, Pages, Primitive, Words,
 };
 
 /// Bytes that opening reads first: header, section table and, of most files, all that comes before pages and channels.
 pub const FIRST_READ: u64 = 1 << 18;
 /// What opening needs.
-const FRONT: [Kind; 5] = [Kind::Metadata, Kind::PageTable, Kind::Dependencies, Kind::Groups, Kind::Nodes];
-/// Bytes of words that are read as one range.
-const WORDS_CHUNK: u64 = 1 << 20;
+const FRONT: [Kind; 6] =
+    [Kind::Metadata, Kind::PageTable, Kind::Dependencies, Kind::Groups, Kind::Nodes, Kind::Materials];
+/// Bytes that are read as one range, of sections that are read when they are wanted.
+const CHUNK: u64 = 1 << 20;
 
 /// The bytes that were read of a file, with its name for error messages.
 pub struct Source<'a> {
@@ -144,49 +145,76 @@ fn rank_of_version_7(group: &Group) -> f32 {
     group.quadric.max(OF_BOUND * group.distance()).max(group.attribute_error)
 }
 
-/// A section of words whose length was checked, and nothing else: a channel, or the face ids.
+/// A section of which nothing was read, inside of the file: an image, or one of words.
 #[derive(Debug)]
-pub(super) struct WordSection {
+pub(super) struct LateSection {
     entry: Entry,
     /// What it is called in error messages.
     label: String,
+}
+
+impl LateSection {
+    /// Number of bytes.
+    pub(super) fn count(&self) -> u64 {
+        self.entry.length
+    }
+
+    /// Where it lies, in ranges of whole words.
+    pub(super) fn ranges(&self) -> Vec<Range<u64>> {
+        let end = self.entry.offset + self.entry.length;
+        let starts = (self.entry.offset..end).step_by(CHUNK as usize);
+        starts.map(|start| start..end.min(start + CHUNK)).collect()
+    }
+
+    /// Takes the bytes of these ranges, and checks them.
+    pub(super) fn read<T: AnyBitPattern, B: AsRef<[u8]>>(
+        &self,
+        name: &str,
+        parts: impl Iterator<Item = Result<B>>,
+    ) -> Result<Vec<T>> {
+        // Bounded by the file.
+        let mut values = Vec::with_capacity(self.entry.length as usize / size_of::<T>());
+        let mut found = crc32fast::Hasher::new();
+        for part in parts {
+            let part = part?;
+            let bytes = part.as_ref();
+            found.update(bytes);
+            values.extend(bytes.chunks_exact(size_of::<T>()).map(bytemuck::pod_read_unaligned::<T>));
+        }
+        if u64::from(found.finalize()) == self.entry.crc {
+            Ok(values)
+        } else {
+            Err(self.fault(name, "the checksum does not match"))
+        }
+    }
+
+    fn fault(&self, name: &str, what: &str) -> Error {
+        fault(name, self.entry.offset, format!("{}: {what}", self.label))
+    }
+}
+
+/// A section of words whose length was checked, and nothing else: a channel, or the face ids.
+#[derive(Debug)]
+pub(super) struct WordSection {
+    /// Where they are.
+    pub(super) late: LateSection,
     dtype: ChannelType,
 }
 
 impl WordSection {
     /// Number of words.
     pub(super) fn count(&self) -> usize {
-        self.entry.length as usize / size_of::<u32>()
+        self.late.count() as usize / size_of::<u32>()
     }
 
-    /// Where they lie, in ranges of whole words.
-    pub(super) fn ranges(&self) -> Vec<Range<u64>> {
-        let end = self.entry.offset + self.entry.length;
-        let starts = (self.entry.offset..end).step_by(WORDS_CHUNK as usize);
-        starts.map(|start| start..end.min(start + WORDS_CHUNK)).collect()
-    }
-
-    /// Takes the bytes of these ranges as words, and checks them.
+    /// Takes the bytes of its ranges as words, and checks them.
     pub(super) fn words<B: AsRef<[u8]>>(
         &self,
         name: &str,
         parts: impl Iterator<Item = Result<B>>,
     ) -> Result<Vec<u32>> {
-        let Entry { crc, offset, .. } = self.entry;
-        let fault = |what: &str| fault(name, offset, format!("{}: {what}", self.label));
-        // Bounded by the file, which sections are inside of.
-        let mut words = Vec::with_capacity(self.count());
-        let mut found = crc32fast::Hasher::new();
-        for part in parts {
-            let part = part?;
-            let bytes = part.as_ref();
-            found.update(bytes);
-            words.extend(bytes.chunks_exact(size_of::<u32>()).map(bytemuck::pod_read_unaligned::<u32>));
-        }
-        if u64::from(found.finalize()) != crc {
-            return Err(fault("the checksum does not match"));
-        }
-        validate::values(self.dtype, &words).map_err(fault)?;
+        let words = self.late.read(name, parts)?;
+        validate::values(self.dtype, &words).map_err(|what| self.late.fault(name, what))?;
         Ok(words)
     }
 }
@@ -249,12 +277,12 @@ impl<'a> Container<'a> {
         out
     }
 
-    /// Sections are of kinds that exist, and only channels have more than one.
+    /// Sections are of kinds that exist, and only of some there are several.
     fn kinds(&self) -> Result<()> {
         for (i, entry) in self.entries.iter().enumerate() {
             let kind = Kind::ALL.into_iter().find(|kind| *kind as u64 == entry.kind);
             let again = || self.entries[..i].iter().any(|other| other.kind == entry.kind);
-            if kind.is_none_or(|kind| kind != Kind::Channels && again()) {
+            if kind.is_none_or(|kind| !kind.several() && again()) {
                 let at = HEADER_BYTES + i * ENTRY_BYTES;
                 let message = format!("kind {} of a section is unknown, or there twice", entry.kind);
                 return Err(self.source.fail(at as u64, message));
@@ -393,7 +421,7 @@ impl<'a> Container<'a> {
     fn words(&self, entry: Entry, label: String, dtype: ChannelType, count: u64) -> Result<WordSection> {
         let size = size_of::<u32>() as u64;
         if count.checked_mul(size) == Some(entry.length) {
-            Ok(WordSection { entry, label, dtype })
+            Ok(WordSection { late: LateSection { entry, label }, dtype })
         } else {
             let message = format!("{label}: {} bytes for {count} words", entry.length);
             Err(self.source.fail(entry.offset, message))
@@ -420,9 +448,30 @@ impl<'a> Container<'a> {
         })
     }
 
+    /// How it looks; `blob` says what becomes of images.
+    fn materials(&self, blob: impl Fn(LateSection) -> Result<Blob>) -> Result<Materials> {
+        let images = self.of(Kind::Images).zip(0..).map(|(entry, number)| {
+            blob(LateSection { entry, label: format!("section Images, number {number}") })
+        });
+        let images = images.collect::<Result<Vec<Blob>>>()?;
+        if self.entry(Kind::Materials).is_none() {
+            let none =
+                || self.source.fail(HEADER_BYTES as u64, "section Materials is missing, Images are not");
+            return images.is_empty().then(Materials::default).ok_or_else(none);
+        }
+        let table = self.required(Kind::Materials)?;
+        let text = std::str::from_utf8(table.data);
+        let text = text.map_err(|e| self.source.fail(table.offset, format!("section Materials: {e}")))?;
+        Ok(Materials { table: text.into(), images })
+    }
+
     /// The mesh without the words of its pages, and what decoding them takes; `words` says what becomes of those of
-    /// channels and of the face ids.
-    pub(super) fn dag(&self, words: impl Fn(WordSection) -> Result<Words>) -> Result<(Dag, Head)> {
+    /// channels and of the face ids, `blob` of images.
+    pub(super) fn dag(
+        &self,
+        words: impl Fn(WordSection) -> Result<Words>,
+        blob: impl Fn(LateSection) -> Result<Blob>,
+    ) -> Result<(Dag, Head)> {
         let head = self.head()?;
         let metadata = head.metadata.clone();
         let channels = self.channels(&metadata)?.into_iter();
@@ -444,6 +493,7 @@ impl<'a> Container<'a> {
             source_faces: metadata.source_faces,
             source_vertices: metadata.source_vertices,
             face_ids: face_ids.transpose()?,
+            materials: self.materials(blob)?,
             primitive: Primitive::Triangles,
             grid: metadata.grid,
             pose: None,
@@ -564,11 +614,10 @@ impl Head {
 pub fn from_bytes(bytes: &[u8], name: &str) -> Result<Dag> {
     // Sections are inside of the file, and pages of theirs.
     let part = |range: Range<u64>| &bytes[range.start as usize..range.end as usize];
-    let read = |section: WordSection| {
-        let parts = section.ranges().into_iter().map(|range| Ok(part(range)));
-        section.words(name, parts).map(Words::from)
-    };
-    let (dag, head) = Container::new(Source::of_bytes(bytes, name), &FRONT)?.dag(read)?;
+    let parts = |section: &LateSection| section.ranges().into_iter().map(|range| Ok(part(range)));
+    let words = |section: WordSection| section.words(name, parts(&section.late)).map(Words::from);
+    let blob = |section: LateSection| section.read(name, parts(&section)).map(Blob::from);
+    let (dag, head) = Container::new(Source::of_bytes(bytes, name), &FRONT)?.dag(words, blob)?;
     let decode = |decoder: &mut Result<Decoder>, page: usize| match decoder {
         Ok(decoder) => head.page(name, page, part(head.place(page)), decoder),
         Err(error) => Err(Error::Invariant(error.to_string())),
@@ -577,11 +626,12 @@ pub fn from_bytes(bytes: &[u8], name: &str) -> Result<Dag> {
     Ok(Dag { pages: Arc::new(Pages::new(head.entries(), dag.layout(), pages)), ..dag })
 }
 
-/// Reads all of a file but pages, channels and face ids: see [`Container::dag`].
+/// Reads all of a file but pages, channels, face ids and images: see [`Container::dag`].
 pub(super) fn front(
     input: &dyn Input,
     name: &str,
     words: impl Fn(WordSection) -> Result<Words>,
+    blob: impl Fn(LateSection) -> Result<Blob>,
 ) -> Result<(Dag, Head)> {
-    Container::new(Source::of_input(input, name), &FRONT)?.dag(words)
+    Container::new(Source::of_input(input, name), &FRONT)?.dag(words, blob)
 }

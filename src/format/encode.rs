@@ -1,9 +1,10 @@
 //! A mesh as bytes: the sink that writes a file.
 
+use std::borrow::Cow;
 use std::io::{Cursor, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
-use bytemuck::Zeroable;
+use bytemuck::{NoUninit, Zeroable};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -16,8 +17,8 @@ use super::quantize::{Precision, Rounded};
 use crate::error::{Error, Result};
 use crate::model::cluster::RECORD_WORDS;
 use crate::model::{
-    AttributeLayout, BuildReport, ChannelInfo, ClusterGeometry, ClusterRecord, CoordinateFrame, Dag, Grid,
-    Outline, PageEntry, PageSink, PageWords, UNINTERRUPTED,
+    AttributeLayout, Blob, BuildReport, ChannelInfo, ClusterGeometry, ClusterRecord, CoordinateFrame, Dag,
+    Grid, Outline, PageEntry, PageSink, PageWords, UNINTERRUPTED,
 };
 
 /// The metadata section.
@@ -103,7 +104,7 @@ impl<W: Write + Seek> PageSink for FileSink<W> {
         // Lengths are known before the rows of the pages are.
         self.rows = outline.dependencies.iter().map(row).collect();
         let known = sections(outline, &self.metadata, &self.rows)?;
-        let lengths = known.iter().map(|(_, parts)| parts.iter().map(|part| part.len()).sum::<usize>());
+        let lengths = known.iter().map(|(_, parts)| parts.iter().map(Piece::count).sum::<usize>());
         let mut end = HEADER_BYTES + (known.len() + 1) * ENTRY_BYTES;
         self.places = lengths
             .map(|length| {
@@ -145,30 +146,32 @@ impl<W: Write + Seek> PageSink for FileSink<W> {
         // Written, and each with a checksum of its own.
         sections.push((Kind::Pages, Vec::new()));
         let mut table = Vec::new();
-        for ((kind, parts), (offset, length)) in sections.iter().zip(&places) {
+        let mut end = HEADER_BYTES + places.len() * ENTRY_BYTES;
+        self.seek(end)?;
+        for ((kind, parts), (offset, length)) in sections.into_iter().zip(places) {
+            self.write(&vec![0; offset - end])?;
             let mut crc = crc32fast::Hasher::new();
-            parts.iter().for_each(|part| crc.update(part));
-            table.extend_from_slice(&(*kind as u32).to_le_bytes());
+            for part in parts {
+                let bytes = part.bytes()?;
+                crc.update(&bytes);
+                self.write(&bytes)?;
+            }
+            end = offset + length;
+            table.extend_from_slice(&(kind as u32).to_le_bytes());
             table.extend_from_slice(&crc.finalize().to_le_bytes());
-            table.extend_from_slice(&(*offset as u64).to_le_bytes());
-            table.extend_from_slice(&(*length as u64).to_le_bytes());
+            table.extend_from_slice(&(offset as u64).to_le_bytes());
+            table.extend_from_slice(&(length as u64).to_le_bytes());
             table.extend_from_slice(&[0; 8]);
         }
-        let mut head = Vec::with_capacity(HEADER_BYTES + table.len());
+        let mut head = Vec::with_capacity(HEADER_BYTES);
         head.extend_from_slice(&MAGIC);
         head.extend_from_slice(&VERSION.to_le_bytes());
-        head.extend_from_slice(&(places.len() as u32).to_le_bytes());
+        head.extend_from_slice(&((table.len() / ENTRY_BYTES) as u32).to_le_bytes());
         head.extend_from_slice(&crc32fast::hash(&table).to_le_bytes());
         head.extend_from_slice(&crc32fast::hash(&head).to_le_bytes());
-        head.extend_from_slice(&table);
         self.seek(0)?;
         self.write(&head)?;
-        let mut end = head.len();
-        for ((_, parts), (offset, length)) in sections.iter().zip(places) {
-            self.write(&vec![0; offset - end])?;
-            parts.iter().try_for_each(|part| self.write(part))?;
-            end = offset + length;
-        }
+        self.write(&table)?;
         self.out.flush().map_err(|source| self.failed(source))?;
         Ok(self.out)
     }
@@ -191,27 +194,60 @@ impl Metadata {
     }
 }
 
-/// The bytes of a section, in parts that follow each other.
-type Parts<'a> = Vec<&'a [u8]>;
+/// The bytes of a section, in pieces that follow each other.
+type Pieces<'a> = Vec<Piece<'a>>;
+
+/// Bytes that are there, or are read when they are written.
+enum Piece<'a> {
+    Bytes(&'a [u8]),
+    Blob(&'a Blob),
+}
+
+impl<'a> Piece<'a> {
+    fn of<T: NoUninit>(values: &'a [T]) -> Self {
+        Self::Bytes(bytemuck::cast_slice(values))
+    }
+
+    fn count(&self) -> usize {
+        match self {
+            Self::Bytes(bytes) => bytes.len(),
+            Self::Blob(blob) => blob.count() as usize,
+        }
+    }
+
+    fn bytes(&self) -> Result<Cow<'a, [u8]>> {
+        match self {
+            Self::Bytes(bytes) => Ok(Cow::Borrowed(bytes)),
+            Self::Blob(blob) => blob.read(),
+        }
+    }
+}
 
 /// All that comes before the pages, in the order of the file.
 fn sections<'a>(
     Outline { mesh, dependencies }: &'a Outline,
     metadata: &'a [u8],
     rows: &'a [PageRow],
-) -> Result<Vec<(Kind, Parts<'a>)>> {
-    let mut out: Vec<(Kind, Parts<'_>)> = vec![
-        (Kind::Metadata, vec![metadata]),
-        (Kind::PageTable, vec![bytemuck::cast_slice(rows)]),
-        (Kind::Dependencies, dependencies.iter().map(|list| bytemuck::cast_slice(list)).collect()),
-        (Kind::Groups, vec![bytemuck::cast_slice(&mesh.groups)]),
-        (Kind::Nodes, vec![bytemuck::cast_slice(&mesh.nodes)]),
+) -> Result<Vec<(Kind, Pieces<'a>)>> {
+    let mut out: Vec<(Kind, Pieces<'_>)> = vec![
+        (Kind::Metadata, vec![Piece::Bytes(metadata)]),
+        (Kind::PageTable, vec![Piece::of(rows)]),
+        (Kind::Dependencies, dependencies.iter().map(|list| Piece::of(list)).collect()),
+        (Kind::Groups, vec![Piece::of(&mesh.groups)]),
+        (Kind::Nodes, vec![Piece::of(&mesh.nodes)]),
     ];
+    if mesh.materials.table.is_empty() && !mesh.materials.images.is_empty() {
+        return Err(Error::argument("materials", "images without a table"));
+    }
+    if !mesh.materials.table.is_empty() {
+        out.push((Kind::Materials, vec![Piece::Bytes(mesh.materials.table.as_bytes())]));
+    }
     let face_ids = mesh.face_ids.iter().map(|ids| (Kind::FaceIds, ids));
     let channels = mesh.channels.iter().map(|channel| (Kind::Channels, &channel.words));
     for (kind, words) in face_ids.chain(channels) {
-        out.push((kind, vec![bytemuck::cast_slice(words.load()?)]));
+        out.push((kind, vec![Piece::of(words.load()?)]));
     }
+    out.extend(mesh.materials.images.iter().map(|image| (Kind::Images, vec![Piece::Blob(image)])));
     Ok(out)
 }
 

@@ -13,9 +13,9 @@ use crate::model::{Dag, InterruptCheck};
 
 /// First bytes of a file. The high bit and the line ends catch transfers that are not binary-safe.
 pub const MAGIC: [u8; 8] = *b"\x89NANITE\n";
-/// Version of the layout. Readers refuse any other.
-pub const VERSION: u32 = 8;
-/// The oldest version that is read: its groups have no rank.
+/// Version of the layout. Readers refuse newer ones.
+pub const VERSION: u32 = 9;
+/// The oldest version that is read: its groups have no rank. Version 8 has no materials.
 pub const OLDEST_VERSION: u32 = 7;
 /// Bytes before the section table.
 pub const HEADER_BYTES: usize = 24;
@@ -27,7 +27,8 @@ pub const ALIGNMENT: usize = 64;
 /// A page decodes to at most so many times its bytes, so that the length of a file bounds what reading it allocates.
 pub const MAX_EXPANSION: usize = 256;
 
-/// What a section holds. Every kind occurs exactly once, but for `FaceIds`, which may be absent, and `Channels`.
+/// What a section holds. Every kind occurs exactly once, but for `FaceIds` and `Materials`, which may be absent, and those of
+/// which there are [`Kind::several`].
 #[repr(u32)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
@@ -47,20 +48,31 @@ pub enum Kind {
     FaceIds = 6,
     /// The words of one channel, a row for each vertex identity; as often as there are channels, in their order.
     Channels = 7,
+    /// JSON: how surfaces look, see [`crate::model::Materials`].
+    Materials = 9,
+    /// An image of materials as it was encoded; as often as there are images, in the order of their table.
+    Images = 10,
 }
 
 impl Kind {
     /// All kinds, in file order.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 10] = [
         Self::Metadata,
         Self::PageTable,
         Self::Dependencies,
         Self::Groups,
         Self::Nodes,
+        Self::Materials,
         Self::FaceIds,
         Self::Channels,
+        Self::Images,
         Self::Pages,
     ];
+
+    /// Whether a file may have any number of sections of this kind.
+    pub fn several(self) -> bool {
+        matches!(self, Self::Channels | Self::Images)
+    }
 }
 
 /// A page in the page table: all that is needed to read and decode it besides the sections before the pages.

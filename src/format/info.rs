@@ -49,6 +49,8 @@ pub fn input_info(input: &dyn Input, name: &str) -> Result<FileInfo> {
     parts.push(("metadata", of(Kind::Metadata)));
     parts.push(("face_ids", of(Kind::FaceIds)));
     parts.push(("channels", of(Kind::Channels)));
+    parts.push(("materials", of(Kind::Materials)));
+    parts.push(("images", of(Kind::Images)));
     let told: u64 = parts.iter().map(|part| part.1).sum();
     parts.push(("padding", length.saturating_sub(told)));
     let count = |kind, size: usize| of(kind) / size as u64;

@@ -1,18 +1,19 @@
-//! A mesh whose pages, channels and face ids stay in their file: each is read and checked when it is wanted.
+//! A mesh whose pages, channels, face ids and images stay in their file: each is read and checked when it is wanted.
 
 use std::fmt;
+use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 
-use super::decode::{Head, WordSection, front, io};
+use super::decode::{Head, LateSection, WordSection, front, io};
 use super::input::{Input, OnDisk, RangeRequest, read_now};
 use super::page_decode::Decoder;
 use crate::error::Result;
-use crate::model::{Answer, Dag, PageRequest, PageSource, PageWords, Pages, Traffic, Words, Workers};
+use crate::model::{Answer, Blob, Dag, PageRequest, PageSource, PageWords, Pages, Traffic, Words, Workers};
 use crate::threads::Lock;
 
-/// Ranges of a channel or of the face ids that are read as a batch.
-const WORDS_BATCH: usize = 16;
+/// Ranges of a section that are read as a batch.
+const BATCH: usize = 16;
 
 /// The pages of an open file.
 pub struct Stored {
@@ -83,31 +84,37 @@ impl PageSource for Stored {
     }
 }
 
-/// Reads and checks the words of a section.
-fn words(input: &dyn Input, name: &str, section: &WordSection) -> Result<Vec<u32>> {
+/// The bytes of a section, a range after the other.
+fn parts(input: &dyn Input, name: &str, section: &LateSection) -> impl Iterator<Item = Result<Vec<u8>>> {
     let ranges = section.ranges();
-    let parts = ranges.chunks(WORDS_BATCH).flat_map(|batch| match read_now(input, batch) {
+    let batches: Vec<Vec<Range<u64>>> = ranges.chunks(BATCH).map(<[_]>::to_vec).collect();
+    batches.into_iter().flat_map(move |batch| match read_now(input, &batch) {
         Ok(parts) => parts.into_iter().map(Ok).collect(),
         Err(error) => vec![Err(io(name)(error))],
-    });
-    section.words(name, parts)
+    })
 }
 
-/// Opens a mesh whose pages, channels and face ids are read when they are wanted; `name` appears in error messages.
+/// Opens a mesh whose pages, channels, face ids and images are read when they are wanted; `name` appears in error messages.
 /// Nothing in the file is trusted: see [`super::validate`].
 pub fn open_input(input: Box<dyn Input>, name: &str) -> Result<Dag> {
     let (input, name): (Arc<dyn Input>, Arc<str>) = (input.into(), name.into());
-    let stored = |section: WordSection| {
+    let words = |section: WordSection| {
         let (input, name) = (Arc::clone(&input), Arc::clone(&name));
-        Ok(Words::stored(section.count(), move || words(&*input, &name, &section)))
+        let count = section.count();
+        let read = move || section.words(&name, parts(&*input, &name, &section.late));
+        Ok(Words::stored(count, read))
     };
-    let (dag, head) = front(&*input, &name, stored)?;
+    let blob = |section: LateSection| {
+        let (input, name) = (Arc::clone(&input), Arc::clone(&name));
+        Ok(Blob::stored(section.count(), move || section.read(&name, parts(&*input, &name, &section))))
+    };
+    let (dag, head) = front(&*input, &name, words, blob)?;
     let (table, layout) = (head.entries(), head.metadata.layout);
     let source = Stored { input, coded: Arc::new(Coded { name, head, decoders: Lock::new(Vec::new()) }) };
     Ok(Dag { pages: Arc::new(Pages::stored(table, layout, Arc::new(source))), ..dag })
 }
 
-/// Opens a file: of pages, channels and face ids none is read.
+/// Opens a file: of pages, channels, face ids and images none is read.
 pub fn open(path: &Path) -> Result<Dag> {
     open_input(Box::new(OnDisk::open(path)?), &path.display().to_string())
 }

@@ -10,6 +10,7 @@ use super::channel::Channel;
 use super::cluster::{AttributeLayout, ClusterAddress, ClusterGeometry, ClusterRecord};
 use super::geometry::GeometryId;
 use super::hierarchy::Node;
+use super::materials::Materials;
 use super::page::{PageEntry, Pages};
 use super::primitive::Primitive;
 use super::reading::InterruptCheck;
@@ -160,6 +161,8 @@ pub struct Dag {
     /// For each level-0 triangle, in page order of the level-0 clusters, its row of the caller's `faces`;
     /// only when asked for.
     pub face_ids: Option<Words>,
+    /// How it looks.
+    pub materials: Materials,
     /// What its elements are.
     pub primitive: Primitive,
     /// What positions and normals were rounded to; nothing before a file asked for it.

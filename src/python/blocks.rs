@@ -6,11 +6,12 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use super::calls::{interruptible, watched};
-use super::mesh::{RawArrays, build_options};
+use super::mesh::{RawArrays, RawMaterials, build_options};
 use crate::build::Meter;
 use crate::config::BuildOptions;
 use crate::external::{Work, memory_of};
 use crate::format::{self, Precision};
+use crate::model::Dag;
 
 /// A build in the files of a folder. The arrays of the source are those that it was begun with.
 #[pyclass(module = "nanite_rs._core")]
@@ -88,10 +89,11 @@ impl BlockBuild {
         interruptible(py, |_| work.advance())
     }
 
-    /// Writes the file; returns how many triangles of the source have no area on the grid.
-    fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<u64> {
+    /// Writes the file with these materials; returns how many triangles of the source have no area on the grid.
+    fn save(&self, py: Python<'_>, path: PathBuf, materials: RawMaterials) -> PyResult<u64> {
+        let materials = materials.into();
         interruptible(py, |proceed| {
-            let mesh = self.work.finish()?;
+            let mesh = Dag { materials, ..self.work.finish()? };
             let folder = Some(self.work.folder());
             format::save_by_way_of(&mesh, &path, Precision::Auto, folder, proceed)
         })

@@ -30,7 +30,9 @@ use crate::math::affine::Affine;
 use crate::math::octahedral::angle_of_bits;
 use crate::mesh::SourceMesh;
 use crate::model::rule::{ROOT_ERROR, Threshold};
-use crate::model::{self, AttributeLayout, Channel, CoordinateFrame, Dag, Grid, Group, InterruptCheck};
+use crate::model::{
+    self, AttributeLayout, Blob, Channel, CoordinateFrame, Dag, Grid, Group, InterruptCheck, Materials,
+};
 use crate::threads::once;
 
 /// A built mesh.
@@ -153,6 +155,16 @@ impl RawArrays<'_> {
     }
 }
 
+/// Materials as `nanite_rs._material_files` encodes them.
+#[derive(FromPyObject)]
+pub(super) struct RawMaterials(String, Vec<Vec<u8>>);
+
+impl From<RawMaterials> for Materials {
+    fn from(RawMaterials(table, images): RawMaterials) -> Self {
+        Self { table: table.into(), images: images.into_iter().map(Blob::from).collect() }
+    }
+}
+
 #[pymethods]
 impl Mesh {
     /// Builds from arrays. See `nanite_rs.NaniteMesh.from_arrays`.
@@ -206,9 +218,17 @@ impl Mesh {
     }
 
     /// Writes a `.nanite` file: to a temporary file beside it, which then takes its name. `step` is the largest step
-    /// of positions in object units. Returns how many triangles of the source have no area in it.
-    #[pyo3(signature = (path, precision="auto", step=None))]
-    fn save(&self, py: Python<'_>, path: PathBuf, precision: &str, step: Option<f64>) -> PyResult<u64> {
+    /// of positions in object units; `materials` are a table and images, and by default those of the file that it
+    /// was opened from. Returns how many triangles of the source have no area in it.
+    #[pyo3(signature = (path, precision="auto", step=None, materials=None))]
+    fn save(
+        &self,
+        py: Python<'_>,
+        path: PathBuf,
+        precision: &str,
+        step: Option<f64>,
+        materials: Option<RawMaterials>,
+    ) -> PyResult<u64> {
         let precision = match (precision, step) {
             (_, Some(step)) => Precision::Step(step),
             ("auto", None) => Precision::Auto,
@@ -218,7 +238,9 @@ impl Mesh {
                 return Err(argument_error(py, "precision", message));
             }
         };
-        interruptible(py, |proceed| format::save(&self.dag, &path, precision, proceed))
+        let looks = materials.map(|materials| Dag { materials: materials.into(), ..(*self.dag).clone() });
+        let dag = looks.as_ref().unwrap_or(&self.dag);
+        interruptible(py, |proceed| format::save(dag, &path, precision, proceed))
     }
 
     /// The bytes of a `.nanite` file.
@@ -391,6 +413,27 @@ impl Mesh {
     #[getter]
     fn has_materials(&self) -> bool {
         self.dag.layout().materials
+    }
+
+    /// The table of the materials in its file, see `nanite_rs._material_files`; empty without.
+    #[getter]
+    fn material_table(&self) -> &str {
+        &self.dag.materials.table
+    }
+
+    /// How many images its file has.
+    #[getter]
+    fn image_count(&self) -> usize {
+        self.dag.materials.images.len()
+    }
+
+    /// An image of its file, as it was encoded.
+    fn image_file<'py>(&self, py: Python<'py>, number: usize) -> PyResult<Bound<'py, PyBytes>> {
+        let Some(image) = self.dag.materials.images.get(number) else {
+            return Err(argument_error(py, "number", format!("there is no image {number}")));
+        };
+        let bytes = detached(py, || image.read())?;
+        Ok(PyBytes::new(py, &bytes))
     }
 
     /// Number of UV sets.

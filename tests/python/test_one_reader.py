@@ -444,7 +444,7 @@ def test_scenes_draw_with_them(tmp_path) -> None:
     assert scene.add(mesh, material=nrs.Material()).material == nrs.Material()
 
 
-def test_saving_says_that_materials_go(tmp_path) -> None:
+def test_saving_keeps_materials(tmp_path) -> None:
     vertices, faces = nrs.shapes.icosphere(faces=80)
     plain = nrs.NaniteMesh.from_arrays(vertices, faces)
     assert plain.materials == ()
@@ -453,11 +453,8 @@ def test_saving_says_that_materials_go(tmp_path) -> None:
         plain.save(tmp_path / "a.nanite")
     mesh = nrs.NaniteMesh.from_arrays(vertices, faces, materials=nrs.Material(metallic=1.0))
     assert mesh.materials == (nrs.Material(metallic=1.0),)
-    with pytest.warns(
-        nrs.UsageWarning, match=r"b\.nanite: \.nanite files hold no materials: its look is not"
-    ):
-        mesh.save(tmp_path / "b.nanite")
-    assert nrs.NaniteMesh.open(tmp_path / "b.nanite").materials == ()
+    mesh.save(tmp_path / "b.nanite")
+    assert nrs.NaniteMesh.open(tmp_path / "b.nanite").materials == mesh.materials
 
 
 @pytest.mark.parametrize("wrong", [3, "red", [(1, 0, 0)], [nrs.Material(), None]])
