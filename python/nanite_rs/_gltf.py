@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import re
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -47,7 +48,7 @@ from nanite_rs.material import Material
 from nanite_rs.texture import Image, Texture
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -102,10 +103,16 @@ def read(name: str, data: bytes, folder: Path | None, *, drop_bad_textures: bool
         raise FormatError(f"{name}: damaged glTF: {type(error).__name__}: {error}") from error
 
 
-def primitives(document: Document, notes: Notes) -> Iterator[tuple[str, dict[str, Any], NDArray[np.float64]]]:
-    """Yield all primitives of the default scene where they stand, with what errors call them."""
+def primitives(
+    document: Document, notes: Notes
+) -> Iterator[tuple[str, dict[str, Any], NDArray[np.float64], Callable[[int], Material]]]:
+    """Yield all primitives of the default scene where they stand, with what errors call them.
+
+    The last returns what a primitive looks like with so many UV sets.
+    """
     reader = _Reader(document, True)
-    yield from reader.placed()
+    for what, row, pose in reader.placed():
+        yield what, row, pose, partial(reader.look, row)
     notes.merge(reader._notes)
 
 
@@ -469,12 +476,12 @@ class _Reader:
         source = self._arrays(row, weights, what) if own else self._source(row, weights, what)
         if source is None:
             return None
-        material = self._look(row, len(source.uvs))
+        material = self.look(row, len(source.uvs))
         if source.normals is None:
             material = replace(material, smooth=False)  # as glTF wants it
         return Part(what, source, material)
 
-    def _look(self, row: dict[str, Any], uv_sets: int) -> Material:
+    def look(self, row: dict[str, Any], uv_sets: int) -> Material:
         """The material of a primitive with so many UV sets."""
         index = self._document.whole(row, "material") if "material" in row else None
         return fitted(self._material(index), self._name_of(index), uv_sets, self._notes)
@@ -537,7 +544,7 @@ class _Reader:
         if not len(positions if ends is None else ends):
             self._notes.add("points and lines of nothing", what)
             return None
-        return StrokePart(what, positions, ends, colors, self._look(row, 0))
+        return StrokePart(what, positions, ends, colors, self.look(row, 0))
 
     def _vertices(
         self,

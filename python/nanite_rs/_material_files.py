@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from nanite_rs._export import png
+from nanite_rs._export import png, textures
 from nanite_rs._images import read_image
 from nanite_rs.exceptions import FormatError, NaniteError
 from nanite_rs.material import Material, default_material
@@ -52,6 +52,12 @@ def decoded(table: str, count: int, read: Callable[[int], bytes], name: str) -> 
         raise
     except (NaniteError, ValueError, TypeError, KeyError, IndexError, RecursionError) as error:
         raise FormatError(f"{name}: section Materials: {type(error).__name__}: {error}") from error
+
+
+def forget(look: Material) -> None:
+    """Keep no pixels of images that have a file."""
+    for _, texture in textures(look):
+        texture.image._forget()
 
 
 class _Images:

@@ -20,7 +20,7 @@ from nanite_rs.exceptions import ArgumentError, DtypeError, FormatError, NaniteE
 from nanite_rs.material import Material
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -154,20 +154,21 @@ class _Looks:
         self._files += 1
         own = source.face_materials
         looks = source.materials or (Material(),)
-        count = len(source.faces)
         if own is None:
-            numbers = np.full(count, self._number(looks[0], None), np.int32)
+            numbers = np.full(len(source.faces), self._number(looks[0], None), np.int32)
         else:
-            values, places = np.unique(np.asarray(own), return_inverse=True)
-            several = len(looks) > 1
-            table = [
-                self._number(
-                    looks[min(max(value, 0), len(looks) - 1)], None if several else (self._files, value)
-                )
-                for value in values.tolist()
-            ]
-            numbers = np.array(table, np.int32)[places.reshape(-1)]
+            numbers = self._numbers(np.asarray(own), looks)
         spool.add_filled("face_materials", numbers, first)
+
+    def _numbers(self, own: NDArray[Any], looks: Sequence[Material]) -> NDArray[np.int32]:
+        """Return the numbers in this table of those in that of a file."""
+        values, places = np.unique(own, return_inverse=True)
+        several = len(looks) > 1
+        table = [
+            self._number(looks[min(max(value, 0), len(looks) - 1)], None if several else (self._files, value))
+            for value in values.tolist()
+        ]
+        return np.array(table, np.int32)[places.reshape(-1)]
 
     def _number(self, look: Material, value: Any) -> int:
         return self._table.setdefault((look, value), len(self._table))
@@ -175,16 +176,15 @@ class _Looks:
     def follow(self, spool: Spool, first: int) -> None:
         """Give faces from one on the numbers behind those before; they are in the spool, if they have any."""
         self._files += 1
+        looks = spool.take_looks() or [Material()]
         count = spool.rows("faces")
         if spool.rows("face_materials") <= first:
-            self._fill(spool, first, count, self._number(Material(), None))
+            self._fill(spool, first, count, self._number(looks[0], None))
             return
         rows = np.memmap(spool.file("face_materials"), np.int32, "r+", shape=(spool.rows("face_materials"),))
         for start in range(first, len(rows), ROWS):
             part = rows[start : start + ROWS]
-            values, places = np.unique(part, return_inverse=True)
-            table = [self._number(Material(), (self._files, value)) for value in values.tolist()]
-            part[:] = np.array(table, np.int32)[places.reshape(-1)]
+            part[:] = self._numbers(part, looks)
         rows.flush()
 
     def _fill(self, spool: Spool, first: int, count: int, number: int) -> None:
@@ -192,6 +192,8 @@ class _Looks:
         spool.pad("face_materials", count, number)
 
     def finish(self, spool: Spool) -> None:
-        """Drop what says nothing."""
+        """Keep the looks, and drop what says nothing."""
         if len(self._table) < 2 and "face_materials" in spool.names():
             spool.drop("face_materials")
+        looks = [look for look, _ in self._table]
+        spool.add_looks(looks if len(set(looks)) > 1 else looks[:1])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 
     from nanite_rs._asset import Notes
     from nanite_rs._pieces import Spool
+    from nanite_rs.material import Material
 
 
 class _Mapped(Document):
@@ -119,17 +121,18 @@ def read(path: str, spool: Spool, notes: Notes) -> None:
 
 def _read(path: str, document: _Mapped, spool: Spool, notes: Notes) -> None:
     before = spool.rows("faces")
-    # The numbers of looks: a material, and whether faces are flat.
-    looks: dict[tuple[Any, bool], int] = {}
+    looks: dict[Material, int] = {}
     try:
         if document.listed(document.json, "animations"):
             notes.add("animations, which are not played")
-        for what, row, pose in _gltf.primitives(document, notes):
+        for what, row, pose, look in _gltf.primitives(document, notes):
             primitive = _Primitive(document, row, pose, what)
             if not primitive.read(path, spool, notes):
                 continue
-            flat = "NORMAL" not in primitive.attributes
-            number = looks.setdefault((row.get("material"), flat), len(looks))
+            material = look(primitive.uv_sets())
+            if "NORMAL" not in primitive.attributes:
+                material = replace(material, smooth=False)
+            number = looks.setdefault(material, len(looks))
             if number:
                 spool.add_filled("face_materials", np.zeros(0, np.int32), before)
             if "face_materials" in spool.names():
@@ -141,6 +144,7 @@ def _read(path: str, document: _Mapped, spool: Spool, notes: Notes) -> None:
         raise FormatError(f"{path}: damaged glTF: {type(error).__name__}: {error}") from error
     if spool.rows("faces") == before:
         raise MeshError(f"{path}: there are no triangles in it")
+    spool.add_looks(looks)
 
 
 class _Primitive:
@@ -198,8 +202,7 @@ class _Primitive:
                 unit = np.clip(np.nan_to_num(rows, nan=1.0), 0.0, 1.0)
                 spool.append("wide colors", _colors.opaque(unit))
             vertices.narrow_colors(_colors.ALL_DIGITS)
-        known = [number for number in range(UV_SETS) if f"TEXCOORD_{number}" in self.attributes]
-        for number in range(max(known, default=-1) + 1):
+        for number in range(self.uv_sets()):
             at = vertices.first
             for rows in self._uvs(number):
                 flipped = rows.astype(np.float64)
@@ -209,6 +212,11 @@ class _Primitive:
         for name in self.attributes:
             if name.startswith("_"):
                 self._property(name, vertices, notes)
+
+    def uv_sets(self) -> int:
+        """Return how many UV sets it has, those in between that it lacks among them."""
+        known = (number for number in range(UV_SETS) if f"TEXCOORD_{number}" in self.attributes)
+        return max(known, default=-1) + 1
 
     def _uvs(self, number: int) -> Iterator[NDArray[np.float32]]:
         if f"TEXCOORD_{number}" in self.attributes:

@@ -352,7 +352,7 @@ def read(path: str, spool: Spool, notes: Notes) -> None:
             vertices.add(rows)
         for rows in spool.blocks("raw rgba") if found.colored else ():
             spool.append("wide colors", _obj_colors(rows, found.bytes))
-    numbers = _obj_materials(path, found, notes)
+    numbers = _obj_materials(path, found, spool, notes)
     corner, face = 0, 0
     for counts in spool.blocks("raw counts"):
         end = corner + int(counts.sum())
@@ -402,8 +402,8 @@ def _obj_colors(rows: NDArray[np.float32], in_bytes: bool) -> NDArray[np.float32
     return np.asarray(np.where(np.isnan(scaled), 1.0, np.clip(scaled, 0.0, 1.0)), np.float32)
 
 
-def _obj_materials(path: str, found: _Obj, notes: Notes) -> NDArray[np.int32] | None:
-    """Return the number of each material's look, that of none first; nothing where all look alike."""
+def _obj_materials(path: str, found: _Obj, spool: Spool, notes: Notes) -> NDArray[np.int32] | None:
+    """Return the number of each material's look, that of none first; nothing where nothing is said."""
     if not found.materials:
         return None
     materials = _mtl.read(path, found.libraries, Path(path).parent, drop_bad_textures=True, notes=notes)
@@ -417,4 +417,5 @@ def _obj_materials(path: str, found: _Obj, notes: Notes) -> NDArray[np.int32] | 
     none = table.setdefault(rest, len(table))
     if len(set(numbers)) < 2 and none == numbers[0]:
         return None
+    spool.add_looks(table)
     return np.array([none, *numbers], np.int32)

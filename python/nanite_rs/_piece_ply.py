@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
 from nanite_rs import _core, _piece_text, _ply
+from nanite_rs._beside import Pictures
 from nanite_rs._faces import corner_numbers
 from nanite_rs._piece_text import Lines, shifted
 from nanite_rs._piece_vertices import Corners, FileVertices
 from nanite_rs.exceptions import FormatError, MeshError
+from nanite_rs.material import default_material
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -55,7 +58,7 @@ class _Head(NamedTuple):
 
     kind: str
     elements: list[_Element]
-    textures: int
+    textures: list[str]
     offset: int
     """The byte where rows begin."""
     line: int
@@ -86,8 +89,7 @@ def _head(path: str) -> _Head:
                 elements.append(_Element(name, int(count), []))
             case ("property", *rest):
                 elements[-1].properties.append(tuple(rest[:4] if rest[0] == "list" else rest[:2]))
-    textures = sum(_ply.TEXTURE.fullmatch(line) is not None for line in lines)
-    return _Head(kind, elements, textures, at, len(lines) + 1)
+    return _Head(kind, elements, _ply.textures_of(lines), at, len(lines) + 1)
 
 
 def read(path: str, spool: Spool, notes: Notes) -> None:
@@ -101,7 +103,7 @@ def read(path: str, spool: Spool, notes: Notes) -> None:
     painted = _paints_faces(there)
     wedges = "face" in there and "texcoord" in there["face"].lists() and "tristrips" not in there
     corners = Corners(path, spool, notes, vertices) if painted or wedges else None
-    faces = _Faces(path, there, head.textures, vertices, corners, notes, painted=painted)
+    faces = _Faces(path, there, len(head.textures), vertices, corners, notes, painted=painted)
     for element in head.elements:
         name = element.name.lower()
         if element.rows and name not in ("vertex", "face", "tristrips"):
@@ -123,6 +125,21 @@ def read(path: str, spool: Spool, notes: Notes) -> None:
     if corners is not None:
         corners.finish()
     vertices.finish()
+    if head.textures:
+        _add_looks(path, head.textures, faces, spool, notes)
+
+
+def _add_looks(path: str, textures: list[str], faces: _Faces, spool: Spool, notes: Notes) -> None:
+    """Append the looks of textures, and that of faces without one."""
+    pictures = Pictures(Path(path).parent, True, notes)
+    looks = _ply.textured(path, textures, pictures, len(spool.names("uvs ")), notes)
+    if not faces.numbered:
+        for name in textures[1:]:
+            notes.add("textures that no face names", name)
+        looks = looks[:1]
+    elif faces.outside:
+        looks.append(default_material(colored="colors" in spool.names()))
+    spool.add_looks(looks)
 
 
 class _Text:
@@ -224,6 +241,8 @@ class _Faces:
         self._strips = "tristrips" in there
         self._total = there["vertex"].rows if "vertex" in there else 0
         self._polygons = 0
+        # Whether faces have numbers of textures, and some of none.
+        self.numbered, self.outside = False, False
 
     def add_strips(self, columns: _Columns) -> None:
         """Append strips of triangles."""
@@ -281,4 +300,5 @@ class _Faces:
     def _add_textures(self, numbers: NDArray[Any], first: int) -> None:
         """Append numbers of textures; faces without one, such as -1, come last."""
         outside = (numbers < 0) | (numbers >= self._textures)
+        self.numbered, self.outside = True, self.outside or bool(outside.any())
         self._vertices.add_materials(np.where(outside, self._textures, numbers).astype(np.int32), first)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from nanite_rs import _arrays, _channels, _colors, _face_data
+from nanite_rs import _arrays, _channels, _colors, _face_data, _material_files
 from nanite_rs.exceptions import ArgumentError, DtypeError, FileError, MeshError
 
 if TYPE_CHECKING:
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from nanite_rs._asset import Notes
+    from nanite_rs.material import Material
 
 #: Rows that are read at a time.
 ROWS: Final = 1 << 18
@@ -48,6 +49,19 @@ class Spool:
         # Names of channels may be none of files.
         self._files: dict[str, str] = {}
         self._numbered = 0
+        # Those that face materials number.
+        self._looks: list[Material] = []
+
+    def add_looks(self, looks: Iterable[Material]) -> None:
+        """Append materials, of whose images the files are kept in memory, not the pixels."""
+        for look in looks:
+            _material_files.forget(look)
+            self._looks.append(look)
+
+    def take_looks(self) -> list[Material]:
+        """Return the materials so far, and have none."""
+        looks, self._looks = self._looks, []
+        return looks
 
     def rows(self, name: str) -> int:
         """Return how many rows an array has so far."""
@@ -224,8 +238,12 @@ class Spool:
             for name, (dtype, shape) in self._forms.items()
         }
         names = {file: name for name, file in self._files.items() if file != name}
+        table, images = _material_files.encoded(self._looks)
+        for number, image in enumerate(images):
+            (self.folder / _IMAGE.format(number)).write_bytes(image)
         aside = self.folder / f"{LIST}.part"
-        content = {"of": of, "arrays": forms, "names": names}
+        looks = {"table": table, "images": len(images)}
+        content = {"of": of, "arrays": forms, "names": names, "materials": looks}
         aside.write_text(json.dumps(content), encoding="utf-8")
         aside.replace(self.folder / LIST)
         return opened(self.folder)
@@ -259,6 +277,8 @@ def _words(values: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[np.uint32]:
 
 #: What arrays a folder has.
 LIST: Final = "arrays.json"
+#: Files of images.
+_IMAGE: Final = "image {}"
 
 
 def opened(folder: Path, of: list[Any] | None = None) -> dict[str, NDArray[Any]]:
@@ -277,12 +297,25 @@ def opened(folder: Path, of: list[Any] | None = None) -> dict[str, NDArray[Any]]
     return out
 
 
+def looks(folder: Path) -> tuple[Material, ...]:
+    """Return the materials of what is in a folder."""
+    if not (folder / LIST).exists():
+        return ()
+    found = json.loads((folder / LIST).read_text(encoding="utf-8"))["materials"]
+
+    def read(number: int) -> bytes:
+        return (folder / _IMAGE.format(number)).read_bytes()
+
+    return _material_files.decoded(found["table"], found["images"], read, str(folder))
+
+
 def files(folder: Path) -> set[str]:
     """Return the names of the files of the arrays of a folder."""
     if not (folder / LIST).exists():
         return set()
     found = json.loads((folder / LIST).read_text(encoding="utf-8"))
-    return {LIST, *(name for name, (_, rows) in found["arrays"].items() if rows[0])}
+    images = (_IMAGE.format(number) for number in range(found["materials"]["images"]))
+    return {LIST, *images, *(name for name, (_, rows) in found["arrays"].items() if rows[0])}
 
 
 def in_folder(arrays: Mapping[str, NDArray[Any]], folder: Path, of: list[Any]) -> Mapping[str, NDArray[Any]]:

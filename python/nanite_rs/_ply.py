@@ -17,6 +17,7 @@ from nanite_rs.material import Material
 from nanite_rs.texture import Texture
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -85,6 +86,22 @@ def _scalars(columns: _Columns, of: str, notes: Notes, but: tuple[str, ...] = ()
         elif name not in but:
             notes.add(f"lists of {of}", name)
     return out
+
+
+def textures_of(lines: Iterable[bytes]) -> list[str]:
+    """Return the textures that comments name."""
+    return [text(match[1].strip()) for line in lines if (match := TEXTURE.fullmatch(line))]
+
+
+def textured(name: str, names: list[str], pictures: Pictures, uv_sets: int, notes: Notes) -> list[Material]:
+    """Return the looks of the textures of a file."""
+    looks = []
+    for texture in names:
+        image = pictures.get(f"{name}: TextureFile", texture)
+        shown = None if image is None else Texture(image)
+        look = Material(base_color=(1.0, 1.0, 1.0), base_color_texture=shown)
+        looks.append(fitted(look, texture, uv_sets, notes))
+    return looks
 
 
 class _Reader:
@@ -219,13 +236,8 @@ class _Reader:
     # -------------------------------------------------------------------------------------- materials
 
     def _material(self, source: Source) -> Material | list[Material]:
-        names = [text(match[1].strip()) for line in self._comments if (match := TEXTURE.fullmatch(line))]
-        looks = []
-        for name in names:
-            image = self._pictures.get(f"{self._name}: TextureFile", name)
-            texture = None if image is None else Texture(image)
-            look = Material(base_color=(1.0, 1.0, 1.0), base_color_texture=texture)
-            looks.append(fitted(look, name, len(source.uvs), self._notes))
+        names = textures_of(self._comments)
+        looks = textured(self._name, names, self._pictures, len(source.uvs), self._notes)
         numbers, source.face_materials = source.face_materials, None
         if not looks:
             if numbers is not None and numbers.any():

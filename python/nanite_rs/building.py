@@ -19,7 +19,18 @@ from uuid import uuid4
 
 import numpy as np
 
-from nanite_rs import _advice, _checks, _piece_files, _pieces, _sources, _tasks, _upload, _work_store, io
+from nanite_rs import (
+    _advice,
+    _checks,
+    _material_files,
+    _piece_files,
+    _pieces,
+    _sources,
+    _tasks,
+    _upload,
+    _work_store,
+    io,
+)
 from nanite_rs._asset import Notes
 from nanite_rs._core import BlockBuild, build_memory
 from nanite_rs._progress import reporter
@@ -32,6 +43,7 @@ from nanite_rs.exceptions import (
     NaniteError,
     WorkerError,
 )
+from nanite_rs.material import Material, several
 from nanite_rs.mesh import NaniteMesh
 from nanite_rs.options import BuildOptions, no_options
 
@@ -72,15 +84,16 @@ def build_file(
     ----------
     source : path, paths, arrays, or iterable of pieces
         A file: PLY, STL, OBJ and glTF are read piece by piece where they do not fit, and everything that
-        `NaniteMesh.from_file` reads where it does. Of glTF there are no skins and morph targets then, and what is
-        compressed, such as a primitive of Draco, is in memory as a whole. Several files, or a folder of files, are
-        tiles of one mesh: those of a folder come in the order of the numbers in their names, and may be of all
-        formats. What a tile does not have is filled in, as for the parts of one file: normals are computed, colours
-        white, UVs and channels zero.
+        `NaniteMesh.from_file` reads where it does. Of glTF there are no skins and morph targets then, and what
+        is compressed, such as a primitive of Draco, is in memory as a whole; so are images, as they are
+        encoded. Several files, or a folder of files, are tiles of one mesh: those of a folder come in the order
+        of the numbers in their names, and may be of all formats. What a tile does not have is filled in, as for
+        the parts of one file: normals are computed, colours white, UVs and channels zero.
 
-        Arrays: ``(vertices, faces)`` or ``(vertices, faces, attributes)``, where a dict has some of ``normals``,
-        ``colors``, ``uvs``, ``channels``, ``face_materials`` and ``face_channels``, as `NaniteMesh.from_arrays`
-        takes them. They may be memory maps, and arrays of zarr, h5py or Dask, which are read slice by slice.
+        Arrays: ``(vertices, faces)`` or ``(vertices, faces, attributes)``, where a dict has some of
+        ``normals``, ``colors``, ``uvs``, ``channels``, ``face_materials``, ``face_channels`` and ``materials``,
+        as `NaniteMesh.from_arrays` takes them. They may be memory maps, and arrays of zarr, h5py or Dask, which
+        are read slice by slice.
 
         Or pieces, each such a pair or triple, whose faces count vertices as ``numbering`` says: all pieces have the
         same attributes.
@@ -233,16 +246,20 @@ def _build_in(
             name = work if store is None else _sources.shown(store.url)
             raise FileError(f"{name}: in the way, and no work folder of a build; give another folder")
         _make_folder(work, store, resume=resume)
-        file, arrays = _given(source, shared, limit, work)
+        file, arrays, looks = _given(source, shared, limit, work)
         if arrays and build_memory(_pieces.core(arrays)) > limit:
             if _pieces.has_face_channels(arrays):
                 arrays = _pieces.apart(arrays, work / "apart")
-            _build(arrays, target, limit, options or BuildOptions(), work, store, executor, progress)
+            made = _build(arrays, limit, options or BuildOptions(), work, store, executor, progress)
+            made.save(target, _material_files.encoded(looks))
         elif file is not None:
             NaniteMesh.from_file(file, options=options, progress=progress).save(target)
         else:
             given = _pieces.arguments(arrays)
-            NaniteMesh.from_arrays(**given, options=options, progress=progress).save(target)
+            mesh = NaniteMesh.from_arrays(
+                **given, materials=looks or None, options=options, progress=progress
+            )
+            mesh.save(target)
         done = True
     except OSError as error:
         said = str(error)
@@ -317,15 +334,14 @@ def _remove(work: Path, store: _work_store.WorkStore | None) -> None:
 
 def _build(
     arrays: Mapping[str, Any],
-    target: Path,
     limit: int,
     options: BuildOptions,
     work: Path,
     store: _work_store.WorkStore | None,
     executor: Executor | None,
     progress: Progress,
-) -> None:
-    """Build from arrays that do not fit."""
+) -> BlockBuild:
+    """Make all blocks from arrays that do not fit."""
     key = _key(arrays)
     if executor is not None or store is not None:
         work = work.absolute()  # workers have working directories of their own
@@ -362,8 +378,7 @@ def _build(
             if store is not None:
                 sent.update(name for block in blocks for name in build.outputs(block))
             if not build.advance():
-                break
-        build.save(target)
+                return build
 
 
 #: What says which build is in a folder.
@@ -458,45 +473,52 @@ class Total:
             update(done, done)
 
 
-def _given(source: object, shared: bool, limit: int, work: Path) -> tuple[str | None, dict[str, Any]]:
-    """Return the path of a file that fits, or arrays, which may fit or not."""
+def _given(
+    source: object, shared: bool, limit: int, work: Path
+) -> tuple[str | None, dict[str, Any], tuple[Material, ...]]:
+    """Return the path of a file that fits, or arrays, which may fit or not, and their materials."""
     if isinstance(source, str | bytes | os.PathLike):
         path = _checks.path_of(source, "source")
         if os.path.isdir(path):
-            return None, _of_paths(_piece_files.files_of(path), limit, work)
-        arrays: dict[str, Any] = {}
-        if not _piece_files.fits(path, limit):
-            notes = Notes()
-            arrays = _piece_files.of_file(path, work, notes)
-            notes.warn(path)
-        return path, arrays
+            return _of_paths(_piece_files.files_of(path), limit, work)
+        if _piece_files.fits(path, limit):
+            return path, {}, ()
+        notes = Notes()
+        arrays = _piece_files.of_file(path, work, notes)
+        notes.warn(path)
+        return path, arrays, _pieces.looks(work)
     if isinstance(source, tuple | list):
         if source and isinstance(source[0], str | bytes | os.PathLike):
-            return None, _of_paths(source, limit, work)
+            return _of_paths(source, limit, work)
         if len(source) == 3 and isinstance(source[2], Mapping):
-            return None, _pieces.of_arrays(source[0], source[1], source[2], work, limit)
+            attributes = dict(source[2])
+            given = attributes.pop("materials", None)
+            looks = () if given is None else several(given, "materials")
+            return None, _pieces.of_arrays(source[0], source[1], attributes, work, limit), looks
         if len(source) == 2 and not isinstance(source[0], tuple | list):
-            return None, _pieces.of_arrays(source[0], source[1], {}, work, limit)
+            return None, _pieces.of_arrays(source[0], source[1], {}, work, limit), ()
     if isinstance(source, Iterable) and not isinstance(source, np.ndarray):
         pieces = iter(source)
         first = next(pieces, None)
-        given = pieces if first is None else chain([first], pieces)
+        chained = pieces if first is None else chain([first], pieces)
         if isinstance(first, str | bytes | os.PathLike):
-            return None, _of_paths(given, limit, work)
-        return None, _pieces.of_pieces(given, work, shared=shared)
+            return _of_paths(chained, limit, work)
+        return None, _pieces.of_pieces(chained, work, shared=shared), ()
     raise DtypeError(
         "source: expected a path, paths, (vertices, faces), (vertices, faces, attributes) or pieces, "
         f"not {type(source).__name__}"
     )
 
 
-def _of_paths(paths: Iterable[Any], limit: int, work: Path) -> dict[str, Any]:
+def _of_paths(
+    paths: Iterable[Any], limit: int, work: Path
+) -> tuple[None, dict[str, Any], tuple[Material, ...]]:
     """Return what is in several files."""
     names = [_checks.path_of(path, "source") for path in paths]
     notes = Notes()
     arrays = _piece_files.of_files(names, work, limit, notes)
     notes.warn(f"{names[0]} and {len(names) - 1} more" if len(names) > 1 else names[0])
-    return arrays
+    return None, arrays, _pieces.looks(work)
 
 
 def bytes_of(memory: int | str) -> int:

@@ -125,7 +125,14 @@ class Image:
     @classmethod
     def _read(cls, data: bytes, name: str) -> Image:
         """The content of a file, which is kept, so that files hold it unchanged."""
-        return _image(cls(read_image(data, name)).pixels, data)
+        image = _image(cls(read_image(data, name)).pixels, data)
+        image._decode = lambda: cls(read_image(data, name)).pixels
+        return image
+
+    def _forget(self) -> None:
+        """Keep the file alone, which is smaller; pixels are decoded again when they are looked at."""
+        if self._encoded() is not None:
+            self._pixels = None
 
     @classmethod
     def _later(

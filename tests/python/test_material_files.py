@@ -15,6 +15,7 @@ import pytest
 import nanite_rs as nrs
 from nanite_rs import _material_files
 from oracles import data
+from oracles.looks import textures
 
 RNG = np.random.default_rng(7)
 
@@ -38,11 +39,6 @@ def saved(mesh: nrs.NaniteMesh, path) -> nrs.NaniteMesh:
         warnings.simplefilter("error")
         mesh.save(path)
         return nrs.NaniteMesh.open(path)
-
-
-def textures(material: nrs.Material) -> dict[str, nrs.Texture]:
-    slots = [name for name in material.__dataclass_fields__ if name.endswith("_texture")]
-    return {name: getattr(material, name) for name in slots if getattr(material, name) is not None}
 
 
 def assert_same(ours, theirs) -> None:
