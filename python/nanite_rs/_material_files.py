@@ -46,11 +46,9 @@ def decoded(table: str, count: int, read: Callable[[int], bytes], name: str) -> 
             _image(row, partial(read, k), f"{name}: image {k}") for k, row in enumerate(known["images"])
         ]
         if len(images) != count:
-            raise FormatError(f"{name}: section Materials: {len(images)} images, {count} sections Images")
+            raise ValueError(f"{len(images)} images, {count} sections Images")
         return tuple(_material(row, images) for row in known["materials"])
-    except FormatError:
-        raise
-    except (NaniteError, ValueError, TypeError, KeyError, IndexError, RecursionError) as error:
+    except (NaniteError, ValueError, TypeError, LookupError, AttributeError, RecursionError) as error:
         raise FormatError(f"{name}: section Materials: {type(error).__name__}: {error}") from error
 
 
@@ -146,6 +144,6 @@ def _texture(row: dict[str, Any], images: list[Image]) -> Texture:
     own = {name: value for name, value in row.items() if name in known}
     number = own["image"]
     if not (isinstance(number, int) and 0 <= number < len(images)):
-        raise FormatError(f"image {number!r} of {len(images)}")
+        raise ValueError(f"image {number!r} of {len(images)}")
     wrap = own.get("wrap", "repeat")
     return Texture(**own | {"image": images[number], "wrap": wrap if isinstance(wrap, str) else tuple(wrap)})

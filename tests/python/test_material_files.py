@@ -126,9 +126,9 @@ def test_images_are_read_when_they_are_looked_at(tmp_path) -> None:
         image = mesh.materials[0].base_color_texture.image
         assert repr(image) == "<Image 512 x 512, 3 channels, uint8>"
         assert image.size == (512, 512)
-        assert mesh.traffic.bytes < 400_000
+        assert mesh.traffic.read_bytes < 400_000
         np.testing.assert_array_equal(image.pixels, pixels)
-        assert mesh.traffic.bytes > 700_000
+        assert mesh.traffic.read_bytes > 700_000
 
 
 def test_an_opened_mesh_looks_as_the_one_that_was_built(tmp_path) -> None:

@@ -12,7 +12,7 @@ use nanite_rs::format::open_input;
 use nanite_rs::lod::{channel_rows, cut_error, extract, select};
 use nanite_rs::mesh::{Colors, Positions, SourceChannel, SourceMesh};
 use nanite_rs::model::rule::Threshold;
-use nanite_rs::model::{ChannelInfo, ChannelType, Dag};
+use nanite_rs::model::{Blob, ChannelInfo, ChannelType, Dag, Materials};
 use nanite_rs::render::Renderer;
 use nanite_rs::scene::{Camera, Material, Projection, Scene};
 
@@ -36,7 +36,9 @@ pub fn rich_mesh(n: usize) -> Dag {
     ];
     let materials: Vec<i32> = (0..faces.len() as i32).map(|f| f % 64 / 32 - 1).collect();
     source.materials = Some(&materials);
-    build(&source, &BuildOptions { face_ids: true, ..BuildOptions::default() }, &Silent).unwrap()
+    let dag = build(&source, &BuildOptions { face_ids: true, ..BuildOptions::default() }, &Silent).unwrap();
+    let images = [0, 37, 64].map(|count| Blob::from((0..count).collect::<Vec<u8>>())).into();
+    Dag { materials: Materials { table: r#"{"of": "whoever draws"}"#.into(), images }, ..dag }
 }
 
 /// A number in the bytes of a file, where the file is so long.

@@ -397,6 +397,7 @@ fn hostile_files_never_panic() {
         Kind::Dependencies,
         Kind::Groups,
         Kind::Nodes,
+        Kind::Materials,
         Kind::FaceIds,
         Kind::Channels,
         Kind::Pages,

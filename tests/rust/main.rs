@@ -15,6 +15,7 @@ mod gpu_parity;
 #[cfg(feature = "gpu")]
 mod gpu_raster;
 mod layering;
+mod looks;
 #[cfg(feature = "gpu")]
 mod many_materials;
 mod materials;
