@@ -328,8 +328,13 @@ def _remove(work: Path, store: _work_store.WorkStore | None) -> None:
             store.remove()
     # Under another name first: a task that is about to stop on another machine writes nothing into it any more.
     with suppress(OSError):
-        work = work.rename(work.with_name(f"{work.name}-{uuid4().hex}"))
-    shutil.rmtree(work, ignore_errors=True)
+        work.rename(work.with_name(f"{work.name}-{uuid4().hex}"))
+    # And those of builds that were killed here.
+    named = re.compile(rf"{re.escape(work.name)}(-[0-9a-f]{{32}})?")
+    with suppress(OSError):
+        for path in work.parent.iterdir():
+            if named.fullmatch(path.name):
+                shutil.rmtree(path, ignore_errors=True)
 
 
 def _build(

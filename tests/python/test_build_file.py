@@ -443,6 +443,15 @@ def test_a_killed_build_goes_on(tmp_path) -> None:
         assert {path.name for path in tmp_path.iterdir()} == {"v.npy", "f.npy", "x.nanite"}
 
 
+def test_what_a_killed_build_was_removing_is_removed(tmp_path) -> None:
+    """A work folder gets another name before it goes."""
+    left, other = tmp_path / f"built.nanite.work-{'0a' * 16}", tmp_path / "built.nanite.work-mine"
+    for folder in (left, other):
+        (folder / "blocks").mkdir(parents=True)
+    built(arrays("knot"), tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == {"built.nanite", other.name}
+
+
 @pytest.mark.parametrize("processes", [False, True])
 def test_another_build_is_not_gone_on_with(processes, tmp_path) -> None:
     class Stop(Exception):

@@ -15,7 +15,7 @@ import pytest
 import nanite_rs as nrs
 from nanite_rs import _material_files
 from oracles import data
-from oracles.looks import textures
+from oracles.materials import textures
 
 RNG = np.random.default_rng(7)
 

@@ -14,7 +14,7 @@ import nanite_rs as nrs
 from conftest import SOAK
 from nanite_rs import _piece_gltf, _piece_text
 from nanite_rs.cli import main
-from oracles import looks
+from oracles import materials
 from oracles.documents import Document, png
 from test_build_file import LITTLE, is_closed, key, write_ply
 from test_gltf import draco_document, meshopt_document
@@ -53,7 +53,7 @@ def rows_of(cut: nrs.Cut, values: np.ndarray) -> np.ndarray:
 
 
 def assert_same(a: nrs.Cut, b: nrs.Cut) -> None:
-    assert looks.of_faces(a) == looks.of_faces(b)
+    assert materials.of_faces(a) == materials.of_faces(b)
     assert key(a.vertices, a.faces) == key(b.vertices, b.faces)
     assert (a.colors is None) == (b.colors is None)
     if a.colors is not None and b.colors is not None:

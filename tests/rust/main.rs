@@ -15,7 +15,6 @@ mod gpu_parity;
 #[cfg(feature = "gpu")]
 mod gpu_raster;
 mod layering;
-mod looks;
 #[cfg(feature = "gpu")]
 mod many_materials;
 mod materials;
@@ -35,6 +34,7 @@ mod shadows;
 mod shapes;
 #[cfg(feature = "gpu")]
 mod stage_truth;
+mod stored_materials;
 mod streaming;
 #[cfg(feature = "gpu")]
 mod traversal;
