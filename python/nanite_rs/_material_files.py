@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from nanite_rs._export import png, textures
+from nanite_rs._export_parts import png, textures
 from nanite_rs._images import read_image
 from nanite_rs.exceptions import FormatError, NaniteError
 from nanite_rs.material import Material, default_material

@@ -11,7 +11,7 @@ from zipfile import ZipFile
 
 import numpy as np
 
-from nanite_rs import _advice, _colors, _export
+from nanite_rs import _advice, _colors, _export_parts
 from nanite_rs._asset import (
     GLTF_SLOTS,
     Asset,
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     import trimesh
     from numpy.typing import NDArray
 
-    from nanite_rs.cut import Cut
+    from nanite_rs._export_parts import Surface
     from nanite_rs.io import File
 
 
@@ -360,8 +360,8 @@ def _face_materials(mesh: trimesh.Trimesh) -> NDArray[Any] | None:
 # ---------------------------------------------------------------------------------------------------- making
 
 
-def made(cut: Cut, *, process: bool) -> trimesh.Trimesh:
-    """Make a trimesh object of a cut, with its looks; what trimesh has no place for is named in a warning."""
+def made(cut: Surface, *, process: bool) -> trimesh.Trimesh:
+    """Make a trimesh object of a surface, with its looks; what trimesh has no place for is named in a warning."""
     import trimesh
 
     notes = Notes()
@@ -394,25 +394,25 @@ def made(cut: Cut, *, process: bool) -> trimesh.Trimesh:
     return mesh
 
 
-def _is_plain(cut: Cut) -> bool:
+def _is_plain(cut: Surface) -> bool:
     """Whether colours of vertices are all that there is to see: what a file of such colours was given."""
     white = replace(cut.materials[0], smooth=True, double_sided=False) == default_material(colored=True)
     return len(cut.materials) == 1 and white and cut.colors is not None and not cut.uvs
 
 
-def _textured(cut: Cut, notes: Notes) -> trimesh.visual.TextureVisuals:
+def _textured(cut: Surface, notes: Notes) -> trimesh.visual.TextureVisuals:
     """Materials and UVs; what textures do to UVs is done here, as trimesh knows no such thing."""
     import trimesh
 
     uv: Any = cut.uvs[0].copy() if cut.uvs else None
     images: dict[tuple[int, bool], PIL.Image.Image] = {}
-    for piece in _export.pieces(cut):
-        found = dict(_export.textures(piece.material))
+    for piece in _export_parts.pieces(cut):
+        found = dict(_export_parts.textures(piece.material))
         for first in list(found.values())[: uv is not None]:
             corners = np.column_stack([cut.uvs[first.uv_set][piece.used], np.ones(len(piece.used))])
             places = corners @ np.array(first._rows()).T
             uv[piece.used] = np.column_stack([places[:, 0], 1.0 - places[:, 1]])
-    named = zip(cut.materials, _export.labels(cut.materials), strict=True)
+    named = zip(cut.materials, _export_parts.labels(cut.materials), strict=True)
     looks = [_pbr(look, label, images, notes) for look, label in named]
     if len(looks) == 1:
         return trimesh.visual.TextureVisuals(uv=uv, material=looks[0])
@@ -428,7 +428,7 @@ def _pbr(look: Material, name: str, images: dict[tuple[int, bool], PIL.Image.Ima
     from PIL import Image as Pillow
 
     slots: dict[str, Any] = {}
-    found = dict(_export.textures(look))
+    found = dict(_export_parts.textures(look))
     laid = [(texture.uv_set, texture._rows()) for texture in found.values()]
     for (slot, texture), own in zip(found.items(), laid, strict=True):
         if own != laid[0]:
@@ -436,9 +436,9 @@ def _pbr(look: Material, name: str, images: dict[tuple[int, bool], PIL.Image.Ima
             continue
         if texture.wrap != ("repeat", "repeat") or texture.filter != "linear":
             notes.add("wrapping and filters of textures", name)
-        key = id(texture.image), slot in _export.COLORS and texture.image.pixels.dtype.kind == "f"
+        key = id(texture.image), slot in _export_parts.COLORS and texture.image.pixels.dtype.kind == "f"
         if key not in images:
-            pixels = _export.integers(texture.image, key[1], notes)
+            pixels = _export_parts.integers(texture.image, key[1], notes)
             if pixels.dtype == np.uint16:
                 notes.add("pixels beyond 8 bits", name)
                 pixels = np.rint(pixels / 257.0).astype(np.uint8)

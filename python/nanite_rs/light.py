@@ -23,7 +23,7 @@ class _Shining(ABC):
     """Base of the lights: parameters are checked when one is made."""
 
     def __post_init__(self) -> None:
-        _checks.bright(vars(self)["color"], "color")
+        object.__setattr__(self, "color", _checks.bright(vars(self)["color"], "color"))
         try:
             _core.check_light(self._raw())
         except ArgumentError as error:

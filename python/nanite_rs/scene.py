@@ -13,7 +13,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from nanite_rs import _advice, _checks, _core
+from nanite_rs import _advice, _checks, _core, _export_scene
 from nanite_rs._geometry import Moving
 from nanite_rs.exceptions import ArgumentError, DtypeError, StaleHandleError, UsageWarning
 from nanite_rs.light import DirectionalLight, Environment, Light, PointLight, SpotLight
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     import trimesh
     from numpy.typing import ArrayLike, NDArray
 
+    from nanite_rs import io
     from nanite_rs._checks import Color, Rgb
 
 __all__ = ["LightNode", "MeshNode", "Scene"]
@@ -507,6 +508,49 @@ class Scene(_advice.Teaching):
             return np.zeros((2, 3))
         joined = np.concatenate(corners)
         return np.stack([joined.min(axis=0), joined.max(axis=0)])
+
+    def export(
+        self, path: io.PathLike, *, error: float | None = None, target_reduction: float | None = None
+    ) -> None:
+        """Write what is visible as a file that other programs read, in the format of its ending.
+
+        ``.glb`` and ``.gltf`` hold nodes where the instances are, each mesh once for its instances, their materials
+        with textures, points, lines, and lights (``KHR_lights_punctual``); poses that skew are applied to vertices.
+        Other formats, as in `Cut.export`, hold all meshes where they stand as one surface, with the materials of
+        all. What a format cannot hold is named in a warning.
+
+        Parameters
+        ----------
+        path : path
+            The file. It is replaced in one step or not at all.
+        error : float, optional
+            Distance, in units of the world, that surfaces may have from their sources: each mesh is cut for it, as
+            its instances are scaled. By default meshes have all their detail.
+        target_reduction : float, optional
+            The part of the faces of each mesh that is left out, 0 to 1, instead.
+
+        Raises
+        ------
+        FormatError
+            The ending is unknown.
+        FileError
+            The file cannot be written.
+        ArgumentError
+            Nothing is visible, or both a distance and a part are given.
+
+        Examples
+        --------
+        >>> scene = nrs.Scene()
+        >>> mesh = nrs.NaniteMesh.from_arrays(*nrs.shapes.icosphere(faces=20_000))
+        >>> for x in range(3):
+        ...     pose = np.eye(4)
+        ...     pose[0, 3] = 3 * x
+        ...     node = scene.add(mesh, pose=pose)
+        >>> scene.export("balls.glb", error=0.01)
+        >>> len(nrs.load_scene("balls.glb").scene)
+        3
+        """
+        _export_scene.export(self, _checks.path_of(path), error, target_reduction)
 
     @property
     def ambient_light(self) -> Rgb:

@@ -13,7 +13,7 @@ import trimesh
 from PIL import Image as Pillow
 
 import nanite_rs as nrs
-from nanite_rs import _export as export
+from nanite_rs import _export_parts as export
 from oracles import data
 from oracles.documents import Document, png
 

@@ -1,0 +1,285 @@
+"""Surfaces and scenes as GLB and glTF."""
+
+from __future__ import annotations
+
+import json
+import struct
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from nanite_rs._asset import GLTF_SLOTS, LINES, MINIFICATION, POINTS, WRAPS, Notes
+from nanite_rs._export_parts import COLORS, image_file, pieces, textures
+from nanite_rs.exceptions import FormatError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from nanite_rs._export_parts import Surface
+    from nanite_rs.material import Material
+    from nanite_rs.texture import Texture
+
+_WRAP_NUMBERS: Final[dict[str, int]] = {wrap: number for number, wrap in WRAPS.items()}
+
+
+class Document:
+    """A document that is filled table by table, and the bytes that it refers to."""
+
+    def __init__(self, notes: Notes) -> None:
+        self.json: dict[str, Any] = {"asset": {"version": "2.0", "generator": "nanite_rs"}, "scene": 0}
+        self.body = bytearray()
+        self._notes = notes
+        self._known: dict[Any, int] = {}
+        self._extensions: set[str] = set()
+
+    def row(self, table: str, fields: dict[str, Any], key: Any = None) -> int:
+        """Add a row; one of the same key is there once."""
+        rows = self.json.setdefault(table, [])
+        if key is not None and (table, key) in self._known:
+            return self._known[table, key]
+        rows.append(fields)
+        if key is not None:
+            self._known[table, key] = len(rows) - 1
+        return len(rows) - 1
+
+    def view(self, data: bytes, **fields: Any) -> int:
+        """Add bytes."""
+        self.body += bytes(-len(self.body) % 4)
+        fields |= {"buffer": 0, "byteOffset": len(self.body), "byteLength": len(data)}
+        self.body += data
+        return self.row("bufferViews", fields)
+
+    def accessor(self, array: NDArray[Any], *, target: int = 34962, **fields: Any) -> int:
+        """Add numbers, (N,) or (N, K), rows of vertices at multiples of four bytes."""
+        rows = np.ascontiguousarray(array).reshape(len(array), -1)
+        width = rows.shape[1]
+        raw = rows.view(np.uint8).reshape(len(rows), -1)
+        pad = -raw.shape[1] % 4 if target == 34962 else 0
+        if pad:
+            raw = np.concatenate([raw, np.zeros((len(raw), pad), np.uint8)], axis=1)
+            view = self.view(raw.tobytes(), target=target, byteStride=raw.shape[1])
+        else:
+            view = self.view(raw.tobytes(), target=target)
+        kinds = {"i1": 5120, "u1": 5121, "i2": 5122, "u2": 5123, "u4": 5125, "f4": 5126}
+        fields |= {
+            "bufferView": view,
+            "componentType": kinds[rows.dtype.str[1:]],
+            "count": len(rows),
+            "type": {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}[width],
+        }
+        return self.row("accessors", fields)
+
+    def extension(self, name: str, fields: dict[str, Any]) -> dict[str, Any]:
+        """Return an extension for what has it."""
+        self._extensions.add(name)
+        return {name: fields}
+
+    # ------------------------------------------------------------------------------- meshes and nodes
+
+    def mesh(self, surface: Surface) -> tuple[int, NDArray[np.float64] | None]:
+        """Add a surface; return its number, and where its origin lies if its positions have large numbers."""
+        vertices, origin = _near(surface.vertices)
+        extra, colors = _channels(surface, self._notes), surface.fine_colors
+        primitives = []
+        for piece in pieces(surface):
+            attributes = self._positions(vertices[piece.used])
+            if piece.material.smooth:  # without normals faces are flat
+                attributes["NORMAL"] = self.accessor(surface.normals[piece.used])
+            if colors is not None:
+                attributes["COLOR_0"] = self._colors(colors[piece.used])
+            for number, uv in enumerate(surface.uvs):
+                upright = uv[piece.used].astype(np.float64) * (1.0, -1.0) + (0.0, 1.0)
+                attributes[f"TEXCOORD_{number}"] = self.accessor(upright.astype(np.float32))
+            for name, values in extra.items():
+                attributes[name] = self.accessor(values[piece.used])
+            indices = self._indices(piece.faces, len(piece.used))
+            material = self.material(piece.material, piece.label)
+            primitives.append({"attributes": attributes, "indices": indices, "material": material})
+        return self.row("meshes", {"primitives": primitives}), origin
+
+    def strokes(
+        self,
+        positions: NDArray[np.floating[Any]],
+        segments: NDArray[np.uint32] | None,
+        colors: NDArray[Any] | None,
+        look: Material,
+    ) -> tuple[int, NDArray[np.float64] | None]:
+        """Add points, or lines; the same is returned."""
+        vertices, origin = _near(positions)
+        attributes = self._positions(vertices)
+        if colors is not None:
+            attributes["COLOR_0"] = self._colors(colors)
+        primitive: dict[str, Any] = {"attributes": attributes, "mode": POINTS if segments is None else LINES}
+        if segments is not None:
+            primitive["indices"] = self._indices(segments, len(positions))
+        primitive["material"] = self.material(look, look.name or "strokes")
+        return self.row("meshes", {"primitives": [primitive]}), origin
+
+    def light(self, fields: dict[str, Any]) -> dict[str, Any]:
+        """Add a light; return the extension of the node that has it."""
+        name = "KHR_lights_punctual"
+        table = self.json.setdefault("extensions", {}).setdefault(name, {"lights": []})["lights"]
+        table.append(fields)
+        return self.extension(name, {"light": len(table) - 1})
+
+    def node(self, fields: dict[str, Any]) -> None:
+        """Add a node of the scene."""
+        scene = self.json.setdefault("scenes", [{"nodes": []}])[0]
+        scene["nodes"].append(self.row("nodes", fields))
+
+    def _positions(self, rows: NDArray[np.float32]) -> dict[str, int]:
+        return {"POSITION": self.accessor(rows, min=rows.min(axis=0).tolist(), max=rows.max(axis=0).tolist())}
+
+    def _colors(self, rows: NDArray[Any]) -> int:
+        return self.accessor(rows, **({"normalized": True} if rows.dtype.kind == "u" else {}))
+
+    def _indices(self, rows: NDArray[Any], count: int) -> int:
+        return self.accessor(rows.reshape(-1).astype(np.uint16 if count < 65535 else np.uint32), target=34963)
+
+    # ---------------------------------------------------------------------------------------- looks
+
+    def material(self, look: Material, name: str) -> int:
+        """Add a material with its textures."""
+        slots = dict(textures(look))
+
+        def info(slot: str, **more: Any) -> dict[str, Any]:
+            texture = slots.get(slot)
+            return {} if texture is None else {GLTF_SLOTS[slot]: self._texture(texture, slot) | more}
+
+        rough: dict[str, Any] = {
+            "baseColorFactor": [*look.base_color, 1.0][:4],
+            "metallicFactor": look.metallic,
+            "roughnessFactor": look.roughness,
+            **info("base_color_texture"),
+            **info("metallic_roughness_texture"),
+        }
+        fields: dict[str, Any] = {"name": name, "pbrMetallicRoughness": rough}
+        fields |= info("normal_texture", scale=look.normal_scale)
+        fields |= info("occlusion_texture", strength=look.occlusion_strength)
+        fields |= info("emissive_texture")
+        brightest = max(look.emissive)
+        if brightest > 0.0:
+            fields["emissiveFactor"] = [value / max(brightest, 1.0) for value in look.emissive]
+        extensions: dict[str, Any] = {}
+        if brightest > 1.0:
+            strength = {"emissiveStrength": brightest}
+            extensions |= self.extension("KHR_materials_emissive_strength", strength)
+        if look.unlit:
+            extensions |= self.extension("KHR_materials_unlit", {})
+        if extensions:
+            fields["extensions"] = extensions
+        if look.double_sided:
+            fields["doubleSided"] = True
+        if look.alpha_mode != "opaque":
+            fields["alphaMode"] = look.alpha_mode.upper()
+        if look.alpha_mode == "mask":
+            fields["alphaCutoff"] = look.alpha_cutoff
+        return self.row("materials", fields)
+
+    def _texture(self, texture: Texture, slot: str) -> dict[str, Any]:
+        color = slot in COLORS
+        key = id(texture.image), color and texture.image.pixels.dtype.kind == "f"
+        if ("images", key) not in self._known:
+            data, ending = image_file(texture.image, color, self._notes)
+            kind = "image/png" if ending == "png" else "image/jpeg"
+            self.row("images", {"bufferView": self.view(data), "mimeType": kind}, key)
+        sampler = {
+            "magFilter": 9728 if texture.filter == "nearest" else 9729,
+            "minFilter": MINIFICATION[texture.filter, texture.mipmaps],
+            "wrapS": _WRAP_NUMBERS[texture.wrap[0]],
+            "wrapT": _WRAP_NUMBERS[texture.wrap[1]],
+        }
+        fields = {
+            "source": self._known["images", key],
+            "sampler": self.row("samplers", sampler, tuple(sampler.values())),
+        }
+        out: dict[str, Any] = {"index": self.row("textures", fields, tuple(fields.values()))}
+        if texture.uv_set:
+            out["texCoord"] = texture.uv_set
+        moved = {
+            "offset": list(texture.offset),
+            "rotation": float(texture.rotation),
+            "scale": list(texture.scale),
+        }
+        if moved != {"offset": [0.0, 0.0], "rotation": 0.0, "scale": [1.0, 1.0]}:
+            out["extensions"] = self.extension("KHR_texture_transform", moved)
+        return out
+
+    def finished(self, **buffer: Any) -> bytes:
+        """Return the JSON, with the buffer that it refers to."""
+        if self._extensions:
+            self.json["extensionsUsed"] = sorted(self._extensions)
+        self.json["buffers"] = [{"byteLength": len(self.body), **buffer}]
+        return json.dumps(self.json, separators=(",", ":"), allow_nan=False).encode()
+
+
+def _near(
+    vertices: NDArray[np.floating[Any]],
+) -> tuple[NDArray[np.float32], NDArray[np.float64] | None]:
+    """Return positions as accessors have them, float32, about an origin that a node has to have."""
+    if vertices.dtype == np.float32:
+        return vertices.astype(np.float32, copy=False), None
+    origin = (vertices.min(axis=0) + vertices.max(axis=0)) / 2.0
+    return (vertices - origin).astype(np.float32), origin
+
+
+def surface_files(surface: Surface, path: str, notes: Notes) -> dict[str, bytes]:
+    """Return the files of a surface."""
+    document = Document(notes)
+    number, origin = document.mesh(surface)
+    document.node({"mesh": number} | ({} if origin is None else {"translation": origin.tolist()}))
+    return files(document, path)
+
+
+def files(document: Document, path: str) -> dict[str, bytes]:
+    """Return the files of a document: one, or with the ending ``.gltf`` what it refers to beside it."""
+    return (_glb if path.lower().endswith(".glb") else _gltf)(document, path)
+
+
+def _channels(surface: Surface, notes: Notes) -> dict[str, NDArray[Any]]:
+    """Channels as application-specific attributes: names begin with an underscore, integers have 16 bits."""
+    out = {}
+    for name in surface.channels:
+        values = surface.channels[name]
+        if values.dtype == bool:
+            values = values.astype(np.uint8)
+        elif values.dtype.kind in "iu" and values.dtype.itemsize > 2:
+            if np.abs(values.astype(np.int64)).max(initial=0) > 1 << 24:
+                notes.add("labels beyond 2^24, which glTF has no type for", name)
+                continue
+            values = values.astype(np.float32)
+        if values.ndim == 2 and values.shape[1] > 4:
+            notes.add("channels of more than four numbers", name)
+            continue
+        out[name if name.startswith("_") else f"_{name}"] = values
+    return out
+
+
+def _glb(document: Document, path: str) -> dict[str, bytes]:
+    text = document.finished()
+    text += b" " * (-len(text) % 4)
+    body = bytes(document.body) + bytes(-len(document.body) % 4)
+    length = 28 + len(text) + len(body)
+    if length >= 1 << 32:
+        raise FormatError(f"{path}: {length:,} bytes are more than a GLB can have; .gltf can")
+    head = struct.pack("<4sII", b"glTF", 2, length)
+    return {
+        path: b"".join(
+            [
+                head,
+                struct.pack("<I4s", len(text), b"JSON"),
+                text,
+                struct.pack("<I4s", len(body), b"BIN\0"),
+                body,
+            ]
+        )
+    }
+
+
+def _gltf(document: Document, path: str) -> dict[str, bytes]:
+    from urllib.parse import quote
+
+    body = Path(path).with_suffix(".bin")
+    text = document.finished(uri=quote(body.name))
+    return {str(body): bytes(document.body), path: text}

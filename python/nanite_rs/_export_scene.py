@@ -1,0 +1,266 @@
+"""Scenes as files of other formats: nodes, meshes, looks and lights as GLB and glTF, one surface as others."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from nanite_rs import _colors, _export, _export_gltf
+from nanite_rs._asset import Asset, Notes, Part, Source
+from nanite_rs._export_parts import Arrays
+from nanite_rs._flatten import flattened
+from nanite_rs.exceptions import ArgumentError
+from nanite_rs.light import DirectionalLight, SpotLight
+from nanite_rs.material import several
+from nanite_rs.mesh import NaniteMesh
+from nanite_rs.strokes import Lines, Points
+from nanite_rs.triangle_mesh import TriangleMesh
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Hashable
+
+    from numpy.typing import NDArray
+
+    from nanite_rs._geometry import Shape
+    from nanite_rs.cut import Cut
+    from nanite_rs.light import PointLight
+    from nanite_rs.material import Material
+    from nanite_rs.scene import MeshNode, Scene
+
+# Cosine between axes of a pose up to which these count as being at right angles.
+_SKEW: Final = 1e-6
+# Part of the size of a scene that float32 may round.
+_DIGITS: Final = 1e-6
+
+
+def export(scene: Scene, path: str, error: float | None, reduction: float | None) -> None:
+    """Write what is visible of a scene; what the format cannot hold is named in a warning."""
+    if error is not None and reduction is not None:
+        raise ArgumentError("export: expected error or target_reduction, found both")
+    ending = _export.ending_of(path)
+    shown = [node for node in scene.instances if node.visible]
+    if not shown:
+        raise ArgumentError("export: the scene shows no mesh")
+    notes = Notes()
+    _unwritten(scene, notes)
+    cuts = _Cuts(error, reduction)
+    if ending in ("glb", "gltf"):
+        files = _export_gltf.files(_document(scene, shown, cuts, notes), path)
+    else:
+        files = _export.files_of(_joined(path, shown, cuts, notes), path, notes)
+        if any(light.visible for light in scene.lights):
+            notes.add("lights")
+    _export.write(files)
+    notes.warn(path)
+
+
+def _unwritten(scene: Scene, notes: Notes) -> None:
+    """Note what no format has."""
+    if any(scene.ambient_light):
+        notes.add("ambient light")
+    if scene.environment is not None:
+        notes.add("the environment")
+    if len(scene.instances) > sum(node.visible for node in scene.instances):
+        notes.add("what is hidden")
+
+
+class _Cuts:
+    """The cuts of meshes; each is made once."""
+
+    def __init__(self, error: float | None, reduction: float | None) -> None:
+        self._error, self._reduction = error, reduction
+        self._known: dict[Hashable, tuple[Shape, Cut]] = {}
+
+    def of(self, node: MeshNode) -> Cut:
+        """Return the cut of an instance; errors are in units of the world."""
+        mesh, error = node.mesh, 0.0
+        if isinstance(mesh, TriangleMesh):
+            key: Hashable = id(mesh)
+        elif self._reduction is None:
+            if self._error is not None:
+                error = self._error / max(
+                    float(np.linalg.svd(node.pose[:3, :3], compute_uv=False)[0]), 1e-300
+                )
+            key = id(mesh), error
+        else:
+            key = id(mesh), None
+        if key not in self._known:
+            self._known[key] = mesh, self._made(mesh, error)
+        return self._known[key][1]
+
+    def _made(self, mesh: Any, error: float) -> Cut:
+        if isinstance(mesh, TriangleMesh):
+            # It has no levels of its own, and one here.
+            return _whole(mesh)
+        if self._reduction is None:
+            made: Cut = mesh.cut(error=error)
+            return made
+        reduced: Cut = mesh.cut(target_reduction=self._reduction)
+        return reduced
+
+
+def _whole(mesh: TriangleMesh) -> Cut:
+    _, (vertices, faces, arrays) = mesh._parts()
+    return NaniteMesh.from_arrays(vertices, faces, **arrays, progress=False).cut(error=0.0)
+
+
+# ------------------------------------------------------------------------------------------------------ glTF
+
+
+def _document(scene: Scene, shown: list[MeshNode], cuts: _Cuts, notes: Notes) -> _export_gltf.Document:
+    document = _export_gltf.Document(notes)
+    known: dict[Hashable, tuple[int, NDArray[np.float64] | None]] = {}
+    for node in shown:
+        mesh, pose = node.mesh, node.pose
+        look = several(node.material, "material")
+        fields: dict[str, Any] = {"name": f"instance_{node.instance_id}"}
+        key: Hashable
+        if isinstance(mesh, Points | Lines):
+            key, made = (id(mesh), look), _strokes(document, mesh, look[0], notes)
+        else:
+            cut = cuts.of(node)
+            turn = None
+            if _is_skewed(pose):
+                # A node has no such pose.
+                turn, pose = (
+                    pose[:3, :3],
+                    np.block([[np.eye(3), pose[:3, 3:]], [np.zeros((1, 3)), np.ones((1, 1))]]),
+                )
+            key, made = (
+                (id(cut), look, None if turn is None else turn.tobytes()),
+                _mesh(document, cut, look, turn),
+            )
+        if key not in known:
+            known[key] = made()
+        number, origin = known[key]
+        if origin is not None:
+            pose = pose.copy()
+            pose[:3, 3] += pose[:3, :3] @ origin
+        if not np.array_equal(pose, np.eye(4)):
+            fields["matrix"] = pose.T.reshape(-1).tolist()
+        document.node(fields | {"mesh": number})
+    for light in scene.lights:
+        if light.visible:
+            pose = light.pose
+            fields = (
+                {} if np.array_equal(pose, np.eye(4)) else {"matrix": _rigid(pose).T.reshape(-1).tolist()}
+            )
+            document.node(fields | {"extensions": document.light(_light(light.light, notes))})
+    return document
+
+
+def _mesh(
+    document: _export_gltf.Document, cut: Cut, look: tuple[Material, ...], turn: NDArray[np.float64] | None
+) -> Callable[[], tuple[int, NDArray[np.float64] | None]]:
+    surface = Arrays.of(cut, look)
+    return lambda: document.mesh(surface if turn is None else _turned(surface, turn))
+
+
+def _strokes(
+    document: _export_gltf.Document, mesh: Points | Lines, look: Material, notes: Notes
+) -> Callable[[], tuple[int, NDArray[np.float64] | None]]:
+    notes.add("sizes of points and lines")
+    segments = mesh.segments if isinstance(mesh, Lines) else None
+    shown = replace(look, unlit=True, alpha_mode="opaque")
+    colors = None if mesh.colors is None else _colors.rgba(mesh.colors)
+    return lambda: document.strokes(mesh.positions, segments, colors, shown)
+
+
+def _is_skewed(pose: NDArray[np.float64]) -> bool:
+    """Whether axes that were at right angles are not in the world."""
+    axes = pose[:3, :3] / np.maximum(np.linalg.norm(pose[:3, :3], axis=0), 1e-300)
+    return bool(np.abs(axes.T @ axes - np.eye(3)).max() > _SKEW)
+
+
+def _turned(surface: Arrays, turn: NDArray[np.float64]) -> Arrays:
+    """Return a surface as this map leaves it."""
+    across = np.stack([np.cross(turn[(k + 1) % 3], turn[(k + 2) % 3]) for k in range(3)])
+    mirrored = np.linalg.det(turn) < 0.0
+    normals = surface.normals @ (across.T * (-1.0 if mirrored else 1.0))
+    return replace(
+        surface,
+        vertices=surface.vertices.astype(np.float64) @ turn.T,
+        faces=surface.faces[:, ::-1] if mirrored else surface.faces,
+        normals=_units(normals),
+    )
+
+
+def _rigid(pose: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a pose whose axes have length 1, which is all that a light knows of it."""
+    out = pose.copy()
+    back = pose[:3, 2] / np.linalg.norm(pose[:3, 2])
+    aside = np.eye(3)[np.argmin(np.abs(back))] if abs(pose[:3, 0] @ back) > 0.9 else pose[:3, 0]
+    aside = aside - back * (aside @ back)
+    aside /= np.linalg.norm(aside)
+    out[:3, :3] = np.stack([aside, np.cross(back, aside), back], axis=1)
+    return out
+
+
+def _light(light: DirectionalLight | PointLight | SpotLight, notes: Notes) -> dict[str, Any]:
+    """Return a light as KHR_lights_punctual has it."""
+    name = re.sub("Light$", "", type(light).__name__).lower()
+    fields: dict[str, Any] = {"type": name, "color": list(light._color()[0]), "intensity": light._color()[1]}
+    if isinstance(light, DirectionalLight):
+        size = light.angle
+    else:
+        size = light.radius
+        if light.range is not None:
+            fields["range"] = light.range
+    if isinstance(light, SpotLight):
+        fields["spot"] = {"innerConeAngle": light.innerConeAngle, "outerConeAngle": light.outerConeAngle}
+    if size:
+        notes.add("sizes of lights")
+    return fields
+
+
+# -------------------------------------------------------------------------------------------- one surface
+
+
+def _joined(path: str, shown: list[MeshNode], cuts: _Cuts, notes: Notes) -> Arrays:
+    """Return all instances where they stand, as one surface."""
+    asset = Asset(path, notes=notes)
+    single = True
+    for node in shown:
+        if isinstance(node.mesh, Points | Lines):
+            notes.add("points and lines")
+            continue
+        cut, look = cuts.of(node), several(node.material, "material")
+        single &= cut.vertices.dtype == np.float32
+        source = Source(
+            vertices=cut.vertices.astype(np.float64),
+            faces=cut.faces.astype(np.int64),
+            normals=cut.normals,
+            colors=cut.fine_colors,
+            uvs=list(cut.uvs),
+            channels=dict(cut._vertex_channels),
+            face_materials=cut.face_materials,
+            face_channels=dict(cut.face_channels),
+        )
+        name = f"instance_{node.instance_id}"
+        asset.placed.append((name, len(asset.meshes), node.pose))
+        asset.meshes.append([Part(name, source, list(look))])
+    source = flattened(asset)
+    vertices = source.vertices
+    far, size = float(np.abs(vertices).max()), float(np.linalg.norm(np.ptp(vertices, axis=0)))
+    if single and np.spacing(np.float32(far)) <= _DIGITS * size:
+        vertices = vertices.astype(np.float32)
+    numbers, normals = source.face_materials, source.normals
+    return Arrays(
+        vertices=vertices,
+        faces=source.faces.astype(np.int32),
+        normals=np.zeros_like(vertices, np.float32) if normals is None else _units(normals),
+        fine_colors=source.colors,
+        uvs=source.uvs,
+        face_materials=None if numbers is None else numbers.astype(np.int32),
+        materials=source.materials,
+        channels=source.channels,
+        face_channels=source.face_channels,
+    )
+
+
+def _units(normals: NDArray[np.floating[Any]]) -> NDArray[np.float32]:
+    length = np.linalg.norm(normals.astype(np.float64), axis=1, keepdims=True)
+    return np.asarray(normals / np.where(length > 0.0, length, 1.0), np.float32)
