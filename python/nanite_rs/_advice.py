@@ -183,7 +183,7 @@ def advised(error: E, advice: str) -> E:
 
 
 # Packages whose distributions have another name.
-_DISTRIBUTIONS = {"collada": "pycollada", "distributed": "'nanite_rs[dask]'"}
+_DISTRIBUTIONS = {"collada": "pycollada", "distributed": "'nanite_rs[dask]'", "usd-core": "'nanite_rs[usd]'"}
 
 
 def missing(what: str, package: str, otherwise: str = "") -> DependencyError:

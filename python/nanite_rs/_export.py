@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from nanite_rs import _advice, _colors, _export_gltf, _trimesh
+from nanite_rs import _advice, _colors, _export_gltf, _export_usd, _trimesh
 from nanite_rs._asset import Notes
 from nanite_rs._export_parts import COLORS, Piece, Surface, image_file, pieces, textures
 from nanite_rs._images import beside
@@ -269,4 +269,5 @@ _WRITERS: Final = {
     "off": _off,
     "ply": _ply,
     "stl": _stl,
+    **dict.fromkeys(_export_usd.ENDINGS, _export_usd.surface_files),
 }

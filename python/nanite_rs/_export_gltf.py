@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import struct
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -10,13 +11,15 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from nanite_rs._asset import GLTF_SLOTS, LINES, MINIFICATION, POINTS, WRAPS, Notes
-from nanite_rs._export_parts import COLORS, image_file, pieces, textures
+from nanite_rs._export_parts import COLORS, image_file, near, pieces, textures
 from nanite_rs.exceptions import FormatError
+from nanite_rs.light import DirectionalLight, SpotLight
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from nanite_rs._export_parts import Surface
+    from nanite_rs.light import Light
     from nanite_rs.material import Material
     from nanite_rs.texture import Texture
 
@@ -26,10 +29,10 @@ _WRAP_NUMBERS: Final[dict[str, int]] = {wrap: number for number, wrap in WRAPS.i
 class Document:
     """A document that is filled table by table, and the bytes that it refers to."""
 
-    def __init__(self, notes: Notes) -> None:
+    def __init__(self, notes: Notes, path: str) -> None:
         self.json: dict[str, Any] = {"asset": {"version": "2.0", "generator": "nanite_rs"}, "scene": 0}
         self.body = bytearray()
-        self._notes = notes
+        self._notes, self._path = notes, path
         self._known: dict[Any, int] = {}
         self._extensions: set[str] = set()
 
@@ -79,7 +82,7 @@ class Document:
 
     def mesh(self, surface: Surface) -> tuple[int, NDArray[np.float64] | None]:
         """Add a surface; return its number, and where its origin lies if its positions have large numbers."""
-        vertices, origin = _near(surface.vertices)
+        vertices, origin = near(surface.vertices)
         extra, colors = _channels(surface, self._notes), surface.fine_colors
         primitives = []
         for piece in pieces(surface):
@@ -106,7 +109,7 @@ class Document:
         look: Material,
     ) -> tuple[int, NDArray[np.float64] | None]:
         """Add points, or lines; the same is returned."""
-        vertices, origin = _near(positions)
+        vertices, origin = near(positions)
         attributes = self._positions(vertices)
         if colors is not None:
             attributes["COLOR_0"] = self._colors(colors)
@@ -116,15 +119,22 @@ class Document:
         primitive["material"] = self.material(look, look.name or "strokes")
         return self.row("meshes", {"primitives": [primitive]}), origin
 
-    def light(self, fields: dict[str, Any]) -> dict[str, Any]:
-        """Add a light; return the extension of the node that has it."""
+    def place(self, number: int, pose: NDArray[np.float64], name: str = "") -> None:
+        """Add a node of a mesh."""
+        self._node(pose, {"mesh": number} | ({"name": name} if name else {}))
+
+    def shine(self, light: Light, pose: NDArray[np.float64]) -> None:
+        """Add a node of a light."""
         name = "KHR_lights_punctual"
         table = self.json.setdefault("extensions", {}).setdefault(name, {"lights": []})["lights"]
-        table.append(fields)
-        return self.extension(name, {"light": len(table) - 1})
+        table.append(_light(light, self._notes))
+        self._node(_rigid(pose), {"extensions": self.extension(name, {"light": len(table) - 1})})
 
-    def node(self, fields: dict[str, Any]) -> None:
-        """Add a node of the scene."""
+    def _node(self, pose: NDArray[np.float64], fields: dict[str, Any]) -> None:
+        if not np.array_equal(pose[:3, :3], np.eye(3)):
+            fields["matrix"] = pose.T.reshape(-1).tolist()
+        elif pose[:3, 3].any():
+            fields["translation"] = pose[:3, 3].tolist()
         scene = self.json.setdefault("scenes", [{"nodes": []}])[0]
         scene["nodes"].append(self.row("nodes", fields))
 
@@ -206,6 +216,12 @@ class Document:
             out["extensions"] = self.extension("KHR_texture_transform", moved)
         return out
 
+    # ---------------------------------------------------------------------------------------- files
+
+    def files(self) -> dict[str, bytes]:
+        """Return the files: one, or with the ending ``.gltf`` what it refers to beside it."""
+        return (_glb if self._path.lower().endswith(".glb") else _gltf)(self, self._path)
+
     def finished(self, **buffer: Any) -> bytes:
         """Return the JSON, with the buffer that it refers to."""
         if self._extensions:
@@ -214,27 +230,42 @@ class Document:
         return json.dumps(self.json, separators=(",", ":"), allow_nan=False).encode()
 
 
-def _near(
-    vertices: NDArray[np.floating[Any]],
-) -> tuple[NDArray[np.float32], NDArray[np.float64] | None]:
-    """Return positions as accessors have them, float32, about an origin that a node has to have."""
-    if vertices.dtype == np.float32:
-        return vertices.astype(np.float32, copy=False), None
-    origin = (vertices.min(axis=0) + vertices.max(axis=0)) / 2.0
-    return (vertices - origin).astype(np.float32), origin
-
-
 def surface_files(surface: Surface, path: str, notes: Notes) -> dict[str, bytes]:
     """Return the files of a surface."""
-    document = Document(notes)
+    document = Document(notes, path)
     number, origin = document.mesh(surface)
-    document.node({"mesh": number} | ({} if origin is None else {"translation": origin.tolist()}))
-    return files(document, path)
+    pose = np.eye(4)
+    pose[:3, 3] = 0.0 if origin is None else origin
+    document.place(number, pose)
+    return document.files()
 
 
-def files(document: Document, path: str) -> dict[str, bytes]:
-    """Return the files of a document: one, or with the ending ``.gltf`` what it refers to beside it."""
-    return (_glb if path.lower().endswith(".glb") else _gltf)(document, path)
+def _rigid(pose: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a pose whose axes have length 1, which is all that a light knows of it."""
+    out = pose.copy()
+    back = pose[:3, 2] / np.linalg.norm(pose[:3, 2])
+    aside = np.eye(3)[np.argmin(np.abs(back))] if abs(pose[:3, 0] @ back) > 0.9 else pose[:3, 0]
+    aside = aside - back * (aside @ back)
+    aside /= np.linalg.norm(aside)
+    out[:3, :3] = np.stack([aside, np.cross(back, aside), back], axis=1)
+    return out
+
+
+def _light(light: Light, notes: Notes) -> dict[str, Any]:
+    """Return a light as KHR_lights_punctual has it."""
+    name = re.sub("Light$", "", type(light).__name__).lower()
+    fields: dict[str, Any] = {"type": name, "color": list(light._color()[0]), "intensity": light._color()[1]}
+    if isinstance(light, DirectionalLight):
+        size = light.angle
+    else:
+        size = light.radius
+        if light.range is not None:
+            fields["range"] = light.range
+    if isinstance(light, SpotLight):
+        fields["spot"] = {"innerConeAngle": light.innerConeAngle, "outerConeAngle": light.outerConeAngle}
+    if size:
+        notes.add("sizes of lights")
+    return fields
 
 
 def _channels(surface: Surface, notes: Notes) -> dict[str, NDArray[Any]]:

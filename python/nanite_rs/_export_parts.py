@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from nanite_rs.light import Light
     from nanite_rs.texture import Image, Texture
 
 # Textures whose integers are sRGB.
@@ -51,6 +52,31 @@ class Surface(Protocol):
     @property
     def _vertex_channels(self) -> Mapping[str, NDArray[Any]]:
         """Channels without those of faces."""
+
+
+class Document(Protocol):
+    """A file that holds meshes, their instances and lights."""
+
+    def mesh(self, surface: Surface) -> tuple[int, NDArray[np.float64] | None]:
+        """Add a surface; return its number, and where its origin lies if its positions have large numbers."""
+
+    def strokes(
+        self,
+        positions: NDArray[np.floating[Any]],
+        segments: NDArray[np.uint32] | None,
+        colors: NDArray[Any] | None,
+        look: Material,
+    ) -> tuple[int, NDArray[np.float64] | None]:
+        """Add points, or lines; the same is returned."""
+
+    def place(self, number: int, pose: NDArray[np.float64], name: str = "") -> None:
+        """Add an instance of what has this number; the axes of its pose are at right angles."""
+
+    def shine(self, light: Light, pose: NDArray[np.float64]) -> None:
+        """Add a light."""
+
+    def files(self) -> dict[str, bytes]:
+        """Return the files by their paths."""
 
 
 @dataclass
@@ -139,6 +165,16 @@ def textures(material: Material) -> Iterator[tuple[str, Texture]]:
         texture = getattr(material, slot)
         if texture is not None:
             yield slot, texture
+
+
+def near(
+    vertices: NDArray[np.floating[Any]],
+) -> tuple[NDArray[np.float32], NDArray[np.float64] | None]:
+    """Return positions as files have them, float32, about an origin that an instance has to have."""
+    if vertices.dtype == np.float32:
+        return vertices.astype(np.float32, copy=False), None
+    origin = (vertices.min(axis=0) + vertices.max(axis=0)) / 2.0
+    return (vertices - origin).astype(np.float32), origin
 
 
 def png(pixels: NDArray[Any]) -> bytes:

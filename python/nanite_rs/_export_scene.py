@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from nanite_rs import _colors, _export, _export_gltf
+from nanite_rs import _colors, _export, _export_gltf, _export_usd
 from nanite_rs._asset import Asset, Notes, Part, Source
-from nanite_rs._export_parts import Arrays
+from nanite_rs._export_parts import Arrays, Document
 from nanite_rs._flatten import flattened
 from nanite_rs.exceptions import ArgumentError
-from nanite_rs.light import DirectionalLight, SpotLight
 from nanite_rs.material import several
 from nanite_rs.mesh import NaniteMesh
 from nanite_rs.strokes import Lines, Points
@@ -26,10 +24,14 @@ if TYPE_CHECKING:
 
     from nanite_rs._geometry import Shape
     from nanite_rs.cut import Cut
-    from nanite_rs.light import PointLight
     from nanite_rs.material import Material
     from nanite_rs.scene import MeshNode, Scene
 
+_DOCUMENTS: Final[dict[str, Callable[[Notes, str], Document]]] = {
+    "glb": _export_gltf.Document,
+    "gltf": _export_gltf.Document,
+    **dict.fromkeys(_export_usd.ENDINGS, _export_usd.Document),
+}
 # Cosine between axes of a pose up to which these count as being at right angles.
 _SKEW: Final = 1e-6
 # Part of the size of a scene that float32 may round.
@@ -47,8 +49,10 @@ def export(scene: Scene, path: str, error: float | None, reduction: float | None
     notes = Notes()
     _unwritten(scene, notes)
     cuts = _Cuts(error, reduction)
-    if ending in ("glb", "gltf"):
-        files = _export_gltf.files(_document(scene, shown, cuts, notes), path)
+    if ending in _DOCUMENTS:
+        document = _DOCUMENTS[ending](notes, path)
+        _fill(document, scene, shown, cuts, notes)
+        files = document.files()
     else:
         files = _export.files_of(_joined(path, shown, cuts, notes), path, notes)
         if any(light.visible for light in scene.lights):
@@ -107,66 +111,46 @@ def _whole(mesh: TriangleMesh) -> Cut:
     return NaniteMesh.from_arrays(vertices, faces, **arrays, progress=False).cut(error=0.0)
 
 
-# ------------------------------------------------------------------------------------------------------ glTF
+# -------------------------------------------------------------------------------------------------- nodes
 
 
-def _document(scene: Scene, shown: list[MeshNode], cuts: _Cuts, notes: Notes) -> _export_gltf.Document:
-    document = _export_gltf.Document(notes)
+def _fill(document: Document, scene: Scene, shown: list[MeshNode], cuts: _Cuts, notes: Notes) -> None:
+    """Add what is visible to a document."""
     known: dict[Hashable, tuple[int, NDArray[np.float64] | None]] = {}
     for node in shown:
         mesh, pose = node.mesh, node.pose
         look = several(node.material, "material")
-        fields: dict[str, Any] = {"name": f"instance_{node.instance_id}"}
-        key: Hashable
         if isinstance(mesh, Points | Lines):
-            key, made = (id(mesh), look), _strokes(document, mesh, look[0], notes)
+            key: Hashable = id(mesh), look
+            if key not in known:
+                known[key] = _strokes(document, mesh, look[0], notes)
         else:
-            cut = cuts.of(node)
-            turn = None
+            cut, turn = cuts.of(node), np.eye(3)
             if _is_skewed(pose):
                 # A node has no such pose.
-                turn, pose = (
-                    pose[:3, :3],
-                    np.block([[np.eye(3), pose[:3, 3:]], [np.zeros((1, 3)), np.ones((1, 1))]]),
-                )
-            key, made = (
-                (id(cut), look, None if turn is None else turn.tobytes()),
-                _mesh(document, cut, look, turn),
-            )
-        if key not in known:
-            known[key] = made()
+                turn, pose = pose[:3, :3].copy(), pose.copy()
+                pose[:3, :3] = np.eye(3)
+            key = id(cut), look, turn.tobytes()
+            if key not in known:
+                known[key] = document.mesh(_turned(Arrays.of(cut, look), turn))
         number, origin = known[key]
         if origin is not None:
             pose = pose.copy()
             pose[:3, 3] += pose[:3, :3] @ origin
-        if not np.array_equal(pose, np.eye(4)):
-            fields["matrix"] = pose.T.reshape(-1).tolist()
-        document.node(fields | {"mesh": number})
+        document.place(number, pose, f"instance_{node.instance_id}")
     for light in scene.lights:
         if light.visible:
-            pose = light.pose
-            fields = (
-                {} if np.array_equal(pose, np.eye(4)) else {"matrix": _rigid(pose).T.reshape(-1).tolist()}
-            )
-            document.node(fields | {"extensions": document.light(_light(light.light, notes))})
-    return document
-
-
-def _mesh(
-    document: _export_gltf.Document, cut: Cut, look: tuple[Material, ...], turn: NDArray[np.float64] | None
-) -> Callable[[], tuple[int, NDArray[np.float64] | None]]:
-    surface = Arrays.of(cut, look)
-    return lambda: document.mesh(surface if turn is None else _turned(surface, turn))
+            document.shine(light.light, light.pose)
 
 
 def _strokes(
-    document: _export_gltf.Document, mesh: Points | Lines, look: Material, notes: Notes
-) -> Callable[[], tuple[int, NDArray[np.float64] | None]]:
+    document: Document, mesh: Points | Lines, look: Material, notes: Notes
+) -> tuple[int, NDArray[np.float64] | None]:
     notes.add("sizes of points and lines")
     segments = mesh.segments if isinstance(mesh, Lines) else None
     shown = replace(look, unlit=True, alpha_mode="opaque")
     colors = None if mesh.colors is None else _colors.rgba(mesh.colors)
-    return lambda: document.strokes(mesh.positions, segments, colors, shown)
+    return document.strokes(mesh.positions, segments, colors, shown)
 
 
 def _is_skewed(pose: NDArray[np.float64]) -> bool:
@@ -177,6 +161,8 @@ def _is_skewed(pose: NDArray[np.float64]) -> bool:
 
 def _turned(surface: Arrays, turn: NDArray[np.float64]) -> Arrays:
     """Return a surface as this map leaves it."""
+    if np.array_equal(turn, np.eye(3)):
+        return surface
     across = np.stack([np.cross(turn[(k + 1) % 3], turn[(k + 2) % 3]) for k in range(3)])
     mirrored = np.linalg.det(turn) < 0.0
     normals = surface.normals @ (across.T * (-1.0 if mirrored else 1.0))
@@ -186,34 +172,6 @@ def _turned(surface: Arrays, turn: NDArray[np.float64]) -> Arrays:
         faces=surface.faces[:, ::-1] if mirrored else surface.faces,
         normals=_units(normals),
     )
-
-
-def _rigid(pose: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a pose whose axes have length 1, which is all that a light knows of it."""
-    out = pose.copy()
-    back = pose[:3, 2] / np.linalg.norm(pose[:3, 2])
-    aside = np.eye(3)[np.argmin(np.abs(back))] if abs(pose[:3, 0] @ back) > 0.9 else pose[:3, 0]
-    aside = aside - back * (aside @ back)
-    aside /= np.linalg.norm(aside)
-    out[:3, :3] = np.stack([aside, np.cross(back, aside), back], axis=1)
-    return out
-
-
-def _light(light: DirectionalLight | PointLight | SpotLight, notes: Notes) -> dict[str, Any]:
-    """Return a light as KHR_lights_punctual has it."""
-    name = re.sub("Light$", "", type(light).__name__).lower()
-    fields: dict[str, Any] = {"type": name, "color": list(light._color()[0]), "intensity": light._color()[1]}
-    if isinstance(light, DirectionalLight):
-        size = light.angle
-    else:
-        size = light.radius
-        if light.range is not None:
-            fields["range"] = light.range
-    if isinstance(light, SpotLight):
-        fields["spot"] = {"innerConeAngle": light.innerConeAngle, "outerConeAngle": light.outerConeAngle}
-    if size:
-        notes.add("sizes of lights")
-    return fields
 
 
 # -------------------------------------------------------------------------------------------- one surface

@@ -212,8 +212,9 @@ class Cut(_advice.Teaching):
         materials with their textures, samplers and transforms, and channels as attributes that begin with an
         underscore; images are written as the files that they were read from where these were PNG or JPEG.
         ``.obj`` has a ``.mtl`` and images beside it. ``.ply`` holds colours, UVs, channels and face materials,
-        ``.stl`` and ``.off`` the surface alone. Other endings are written by trimesh. What a format cannot hold
-        is named in a warning.
+        ``.stl`` and ``.off`` the surface alone. ``.usda``, ``.usdc`` and ``.usdz`` hold preview surfaces, and
+        channels as primvars, with the extra ``usd``. Other endings are written by trimesh. What a format cannot
+        hold is named in a warning.
 
         Parameters
         ----------
@@ -226,6 +227,8 @@ class Cut(_advice.Teaching):
             The ending is unknown.
         FileError
             The file cannot be written.
+        DependencyError
+            An optional package is missing.
 
         Examples
         --------

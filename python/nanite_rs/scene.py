@@ -514,10 +514,11 @@ class Scene(_advice.Teaching):
     ) -> None:
         """Write what is visible as a file that other programs read, in the format of its ending.
 
-        ``.glb`` and ``.gltf`` hold nodes where the instances are, each mesh once for its instances, their materials
-        with textures, points, lines, and lights (``KHR_lights_punctual``); poses that skew are applied to vertices.
-        Other formats, as in `Cut.export`, hold all meshes where they stand as one surface, with the materials of
-        all. What a format cannot hold is named in a warning.
+        ``.glb`` and ``.gltf`` hold nodes where the instances are, each mesh once for its instances, their
+        materials with textures, points, lines, and lights (``KHR_lights_punctual``); poses that skew are
+        applied to vertices. USD holds the same but for lights. Other formats, as in `Cut.export`, hold all
+        meshes where they stand as one surface, with the materials of all. What a format cannot hold is named in
+        a warning.
 
         Parameters
         ----------
@@ -535,6 +536,8 @@ class Scene(_advice.Teaching):
             The ending is unknown.
         FileError
             The file cannot be written.
+        DependencyError
+            An optional package is missing.
         ArgumentError
             Nothing is visible, or both a distance and a part are given.
 
