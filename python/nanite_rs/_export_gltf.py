@@ -16,6 +16,8 @@ from nanite_rs.exceptions import FormatError
 from nanite_rs.light import DirectionalLight, SpotLight
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from nanite_rs._export_parts import Surface
@@ -121,20 +123,32 @@ class Document:
 
     def place(self, number: int, pose: NDArray[np.float64], name: str = "") -> None:
         """Add a node of a mesh."""
-        self._node(pose, {"mesh": number} | ({"name": name} if name else {}))
+        self._node({"mesh": number, **_placed(pose)} | ({"name": name} if name else {}))
+
+    def place_levels(
+        self, numbers: Sequence[int], poses: Sequence[NDArray[np.float64]], notes: Sequence[dict[str, Any]]
+    ) -> dict[str, Any]:
+        """Add a node of levels of detail, finest first, each with extras; return that of the finest."""
+        rows = [
+            {"mesh": number, **_placed(pose), "extras": dict(extras)}
+            for number, pose, extras in zip(numbers, poses, notes, strict=True)
+        ]
+        first, *coarser = rows
+        self._node(first)
+        ids = [self.row("nodes", row) for row in coarser]
+        if ids:
+            first["extensions"] = self.extension("MSFT_lod", {"ids": ids})
+        return first
 
     def shine(self, light: Light, pose: NDArray[np.float64]) -> None:
         """Add a node of a light."""
         name = "KHR_lights_punctual"
         table = self.json.setdefault("extensions", {}).setdefault(name, {"lights": []})["lights"]
         table.append(_light(light, self._notes))
-        self._node(_rigid(pose), {"extensions": self.extension(name, {"light": len(table) - 1})})
+        extension = self.extension(name, {"light": len(table) - 1})
+        self._node({"extensions": extension, **_placed(_rigid(pose))})
 
-    def _node(self, pose: NDArray[np.float64], fields: dict[str, Any]) -> None:
-        if not np.array_equal(pose[:3, :3], np.eye(3)):
-            fields["matrix"] = pose.T.reshape(-1).tolist()
-        elif pose[:3, 3].any():
-            fields["translation"] = pose[:3, 3].tolist()
+    def _node(self, fields: dict[str, Any]) -> None:
         scene = self.json.setdefault("scenes", [{"nodes": []}])[0]
         scene["nodes"].append(self.row("nodes", fields))
 
@@ -185,7 +199,8 @@ class Document:
             fields["alphaMode"] = look.alpha_mode.upper()
         if look.alpha_mode == "mask":
             fields["alphaCutoff"] = look.alpha_cutoff
-        return self.row("materials", fields)
+        # Levels of a mesh have theirs in common.
+        return self.row("materials", fields, (look, name))
 
     def _texture(self, texture: Texture, slot: str) -> dict[str, Any]:
         color = slot in COLORS
@@ -228,6 +243,13 @@ class Document:
             self.json["extensionsUsed"] = sorted(self._extensions)
         self.json["buffers"] = [{"byteLength": len(self.body), **buffer}]
         return json.dumps(self.json, separators=(",", ":"), allow_nan=False).encode()
+
+
+def _placed(pose: NDArray[np.float64]) -> dict[str, Any]:
+    """Return what a node says of its place."""
+    if not np.array_equal(pose[:3, :3], np.eye(3)):
+        return {"matrix": pose.T.reshape(-1).tolist()}
+    return {"translation": pose[:3, 3].tolist()} if pose[:3, 3].any() else {}
 
 
 def surface_files(surface: Surface, path: str, notes: Notes) -> dict[str, bytes]:

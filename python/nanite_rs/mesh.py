@@ -7,7 +7,18 @@ from typing import TYPE_CHECKING, Any, BinaryIO, Literal
 
 import numpy as np
 
-from nanite_rs import _advice, _checks, _exchange, _face_data, _material_files, _remote, _sources, _upload, io
+from nanite_rs import (
+    _advice,
+    _checks,
+    _exchange,
+    _export_levels,
+    _face_data,
+    _material_files,
+    _remote,
+    _sources,
+    _upload,
+    io,
+)
 from nanite_rs._arrays import as_array, core_arrays
 from nanite_rs._core import FINE_PART
 from nanite_rs._core import Mesh as CoreMesh
@@ -19,7 +30,7 @@ from nanite_rs.options import BuildOptions, creased, no_options
 from nanite_rs.report import BuildReport, CheckReport
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     import trimesh
     from numpy.typing import ArrayLike, NDArray
@@ -568,6 +579,61 @@ class NaniteMesh(Geometry):
                 'for them; give precision="exact", or a smaller number',
                 UsageWarning,
             )
+
+    def export(
+        self,
+        path: io.PathLike,
+        *,
+        levels: Iterable[float] | None = None,
+        errors: Iterable[float] | None = None,
+        separate: bool = False,
+        pixel_error: float = 1.0,
+    ) -> list[str]:
+        """Write levels of detail for other programs: one glTF file with all of them, or a file for each.
+
+        One file has the extension ``MSFT_lod``: a node with the finest level, which programs show that do not know
+        it, names the others, and ``MSFT_screencoverage`` says from which part of the screen on, by area, each is
+        shown. It follows from proven errors: on a screen of 1920 × 1080 pixels that shows 60° from its lower to its
+        upper edge, no level is off by more than ``pixel_error`` pixels. ``extras`` of nodes have the proven error
+        of each, in units of the mesh, and its triangles. Levels share materials and images.
+
+        Parameters
+        ----------
+        path : path
+            The file, ``.glb`` or ``.gltf``. With ``separate`` any that `Cut.export` writes: each level gets
+            ``_lod0``, ``_lod1`` and so on behind its name. A file of one level is written as by `Cut.export`.
+        levels : iterable of float
+            The parts of the faces that each level keeps, the finest first: 1 is all.
+        errors : iterable of float
+            Instead: the largest error of each level, in units of the mesh, the finest first.
+        separate : bool
+            A file for each level.
+        pixel_error : float
+            Pixels by which what is shown may be off.
+
+        Returns
+        -------
+        list of str
+            The paths of the files.
+
+        Raises
+        ------
+        ArgumentError, DtypeError
+            Levels are out of range or order, or a format holds one level.
+        FormatError, FileError, DependencyError
+            As for `Cut.export`.
+
+        Examples
+        --------
+        >>> mesh = nrs.NaniteMesh.from_arrays(*nrs.shapes.torus_knot(faces=30_000))
+        >>> mesh.export("knot.glb", levels=[1.0, 0.2, 0.04])
+        ['knot.glb']
+        >>> mesh.export("knot.ply", errors=[0.01, 0.05], separate=True)
+        ['knot_lod0.ply', 'knot_lod1.ply']
+        """
+        separate = _checks.truth(separate, "separate")
+        pixel_error = _checks.number(pixel_error, "pixel_error")
+        return _export_levels.export(self, _checks.path_of(path), levels, errors, separate, pixel_error)
 
     @staticmethod
     def file_info(

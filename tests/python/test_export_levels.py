@@ -1,0 +1,138 @@
+"""``mesh.export``: levels of detail in one file, with coverages that follow from their errors, or in several."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+import nanite_rs as nrs
+from nanite_rs._export_levels import SCREEN, YFOV, coverages
+from test_export import source
+
+FOCAL = 0.5 * SCREEN[1] / math.tan(0.5 * YFOV)
+
+
+def document(path: Path) -> dict:
+    return json.loads(path.read_text())
+
+
+def test_one_file_has_all_levels(tmp_path) -> None:
+    mesh = source()
+    levels = [1.0, 0.5, 0.1]
+    assert mesh.export(tmp_path / "a.gltf", levels=levels) == [str(tmp_path / "a.gltf")]
+    found = document(tmp_path / "a.gltf")
+    assert "MSFT_lod" in found["extensionsUsed"]
+    assert "extensionsRequired" not in found
+    (shown,) = found["scenes"][0]["nodes"]
+    first = found["nodes"][shown]
+    nodes = [first, *(found["nodes"][k] for k in first["extensions"]["MSFT_lod"]["ids"])]
+    cuts = [mesh.cut(error=0.0), mesh.cut(target_reduction=0.5), mesh.cut(target_reduction=0.9)]
+    for node, cut in zip(nodes, cuts, strict=True):
+        assert node["extras"]["error"] == cut.error
+        assert node["extras"]["triangles"] == len(cut)
+        primitives = found["meshes"][node["mesh"]]["primitives"]
+        assert sum(found["accessors"][p["indices"]]["count"] for p in primitives) == 3 * len(cut)
+    # In common.
+    assert len(found["materials"]) == 2
+    assert len(found["images"]) == 2
+    stated = first["extras"]["MSFT_screencoverage"]
+    assert len(stated) == 3
+    assert stated == sorted(stated, reverse=True)
+    assert stated[-1] == 0.0
+    # Who does not know the extension shows the finest.
+    assert sum(len(node.mesh) for node in nrs.load_scene(tmp_path / "a.gltf").scene.instances) == len(mesh)
+    assert len(trimesh.load(tmp_path / "a.gltf", force="mesh").faces) == len(mesh)
+
+
+@pytest.mark.parametrize("pixel_error", [1.0, 4.0])
+def test_no_level_is_off_by_more_pixels(pixel_error, tmp_path) -> None:
+    """Where each level begins: the camera at the distance that its coverage says, in all directions."""
+    vertices, faces = nrs.shapes.displaced_icosphere(faces=20_000)
+    mesh = nrs.NaniteMesh.from_arrays(vertices, faces)
+    errors = [0.0, 0.002, 0.01, 0.05]
+    mesh.export(tmp_path / "a.gltf", errors=errors, pixel_error=pixel_error)
+    found = document(tmp_path / "a.gltf")
+    stated = found["nodes"][found["scenes"][0]["nodes"][0]]["extras"]["MSFT_screencoverage"]
+    center, radius = mesh.bounds.mean(axis=0), 0.5 * np.linalg.norm(np.ptp(mesh.bounds, axis=0))
+    surface = trimesh.Trimesh(vertices, faces, process=False)
+    rng = np.random.default_rng(2)
+    most = []
+    for error, covered in zip(errors[1:], stated, strict=False):
+        points = mesh.cut(error=error).vertices.astype(np.float64)
+        points = points[rng.permutation(len(points))[:1000]]
+        nearest = trimesh.proximity.closest_point(surface, points)[0]
+        # The sphere's area is this part of the screen.
+        away = FOCAL * radius / math.sqrt(covered * SCREEN[0] * SCREEN[1] / math.pi)
+        for _ in range(20):
+            back = rng.normal(size=3)
+            back /= np.linalg.norm(back)
+            up = np.cross(back, rng.normal(size=3))
+            up /= np.linalg.norm(up)
+            axes = np.stack([np.cross(up, back), up, back])
+            a, b = ((p - center) @ axes.T - (0, 0, away) for p in (points, nearest))
+            off = np.linalg.norm(FOCAL * (a[:, :2] / -a[:, 2:] - b[:, :2] / -b[:, 2:]), axis=1)
+            most.append(off.max())
+    assert max(most) <= pixel_error
+    # Not by being far too careful: errors are proven, and mostly smaller.
+    assert max(most) > 0.1 * pixel_error
+
+
+def test_coverages_of_anything() -> None:
+    assert coverages([0.0], 1.0, 1.0) == [0.0]
+    assert coverages([0.0, 0.0, 0.5], 1.0, 1.0)[0] > 0.4
+    assert coverages([0.1, 0.2], 0.0, 1.0) == [0.0, 0.0]
+    rising = coverages([0.0, 0.3, 0.2, 0.4], 1.0, 1.0)
+    assert rising == sorted(rising, reverse=True)
+
+
+@pytest.mark.parametrize("ending", ["glb", "ply", "obj"])
+def test_a_file_for_each_level(ending, tmp_path) -> None:
+    mesh = nrs.NaniteMesh.from_arrays(*nrs.shapes.displaced_icosphere(faces=2_000))
+    names = mesh.export(tmp_path / f"a.{ending}", levels=[0.5, 0.1], separate=True)
+    assert [Path(name).name for name in names] == [f"a_lod0.{ending}", f"a_lod1.{ending}"]
+    for name, part in zip(names, (0.5, 0.1), strict=True):
+        assert len(trimesh.load(name, force="mesh").faces) == len(
+            mesh.cut(target_faces=int(part * len(mesh)))
+        )
+    assert mesh.export(tmp_path / f"b.{ending}", errors=[0.1]) == [str(tmp_path / f"b.{ending}")]
+
+
+def test_large_coordinates_stay_exact(tmp_path) -> None:
+    vertices, faces = nrs.shapes.icosphere(faces=2_000)
+    mesh = nrs.NaniteMesh.from_arrays(vertices.astype(np.float64) + 1e7, faces)
+    mesh.export(tmp_path / "a.gltf", levels=[1.0, 0.1])
+    for node in document(tmp_path / "a.gltf")["nodes"]:
+        np.testing.assert_allclose(node["translation"], 1e7, atol=0.1)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({}, "expected levels or errors, found none"),
+        ({"levels": [1], "errors": [0]}, "found both"),
+        ({"levels": []}, "levels: there are none"),
+        ({"levels": [0.1, 0.5]}, "the finest comes first"),
+        ({"levels": [1.5]}, "levels: must be above 0"),
+        ({"levels": [0.5, 0.0]}, "levels: must be above 0"),
+        ({"errors": [-1.0]}, "errors: must be 0 or more"),
+        ({"errors": [0.0, float("nan")]}, "errors"),
+        ({"levels": [1.0, 0.5], "pixel_error": 0.0}, "pixel_error: must be positive"),
+        ({"levels": "11"}, "levels: expected numbers"),
+    ],
+)
+def test_what_cannot_be_asked_for(given, message, tmp_path) -> None:
+    mesh = nrs.NaniteMesh.from_arrays(*nrs.shapes.icosphere(faces=80))
+    with pytest.raises((nrs.ArgumentError, nrs.DtypeError), match=message):
+        mesh.export(tmp_path / "a.glb", **given)
+    assert not list(tmp_path.iterdir())
+
+
+def test_formats_of_one_level(tmp_path) -> None:
+    mesh = nrs.NaniteMesh.from_arrays(*nrs.shapes.icosphere(faces=80))
+    with pytest.raises(nrs.ArgumentError, match=r"\.ply files hold one level; give separate=True"):
+        mesh.export(tmp_path / "a.ply", levels=[1.0, 0.5])
