@@ -55,7 +55,7 @@ endef
 export PYO3_PYTHON := $(abspath $(BIN)/python)
 export PYOPENGL_PLATFORM := osmesa
 
-.PHONY: help build quick test-fast demo notebooks test test-rust test-python lint docs wheel check-wheel fmt bench bench-error bench-gpu bench-streaming bench-zoo screenshots soak clean tools system vulkan nginx
+.PHONY: help build quick test-fast demo notebooks test test-rust test-python lint docs wheel check-wheel fmt bench bench-error bench-gpu bench-streaming bench-zoo screenshots soak clean tools system vulkan nginx gltf-validator
 
 help:
 	@sed -n '/^#/!q; s/^# \{0,1\}//p' Makefile
@@ -110,6 +110,10 @@ vulkan:
 nginx:
 	@tools/nginx target/nginx
 
+gltf-validator:
+	@tools/system-packages $(BIN)/python "the tests of written glTF" bin/node=nodejs bin/npm=npm
+	@tools/gltf-validator target/gltf-validator
+
 build: $(VENV)/.stamp-module
 
 # In the same place. `make build` puts the one that is released there again.
@@ -141,13 +145,13 @@ test-rust: vulkan | tools
 	@$(with_vulkan); \
 	NANITE_SKIPS=$(abspath $(REPORTS))/rust-skips.txt cargo test --locked --no-fail-fast $(CARGO_TEST_ARGS) 2>&1 | tee $(REPORTS)/rust-log.txt
 
-test-python: build $(VENV)/.stamp-test-requirements system vulkan nginx
+test-python: build $(VENV)/.stamp-test-requirements system vulkan nginx gltf-validator
 	@mkdir -p $(REPORTS) && rm -f $(REPORTS)/python-*
 	@$(with_vulkan); \
 	NANITE_SKIPS=$(abspath $(REPORTS))/python-skips.txt $(PYTEST) $(PYTEST_ARGS)
 
 # What is slow is marked so. The rest tells most faults.
-test-fast: quick $(VENV)/.stamp-test-requirements system vulkan nginx
+test-fast: quick $(VENV)/.stamp-test-requirements system vulkan nginx gltf-validator
 	@$(with_vulkan); cargo test --locked --quiet --profile quick --lib; \
 	$(PYTEST) -q -m "not slow" $(PYTEST_ARGS)
 
