@@ -32,6 +32,16 @@ def unit(colors: NDArray[Any]) -> NDArray[np.float64]:
     return np.asarray(colors / white(colors.dtype), np.float64)
 
 
+def from_srgb(encoded: NDArray[Any]) -> NDArray[Any]:
+    """Return linear light of sRGB (IEC 61966-2-1), 0 to 1."""
+    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+
+
+def to_srgb(linear: NDArray[Any]) -> NDArray[Any]:
+    """Return sRGB of linear light."""
+    return np.where(linear <= 0.0031308, linear * 12.92, 1.055 * linear ** (1.0 / 2.4) - 0.055)
+
+
 def as_bytes(colors: NDArray[Any]) -> NDArray[np.uint8]:
     """Return colours as uint8, rounded."""
     return colors if colors.dtype == np.uint8 else np.rint(unit(colors) * 255.0).astype(np.uint8)

@@ -11,11 +11,13 @@ import numpy as np
 
 from nanite_rs import _checks, _export, _export_gltf
 from nanite_rs._asset import Notes
+from nanite_rs._export_textures import fitted
 from nanite_rs.exceptions import ArgumentError, DtypeError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
+    from nanite_rs._export_parts import Surface
     from nanite_rs._geometry import Geometry
     from nanite_rs.cut import Cut
 
@@ -32,6 +34,7 @@ def export(
     errors: Iterable[float] | None,
     separate: bool,
     pixel_error: float,
+    fit_textures: bool,
 ) -> list[str]:
     """Write cuts; return the paths of the files."""
     ending = _export.ending_of(path)
@@ -39,18 +42,23 @@ def export(
     if not pixel_error > 0.0:
         raise ArgumentError(f"pixel_error: must be positive, not {pixel_error}")
     notes = Notes()
+    # A level begins where its error is so many pixels: there a unit is so long.
+    surfaces: list[Surface] = [
+        fitted(cut, pixel_error / cut.error) if fit_textures and k and cut.error > 0.0 else cut
+        for k, cut in enumerate(cuts)
+    ]
     if separate or len(cuts) == 1 or ending not in ("glb", "gltf"):
         if not separate and len(cuts) > 1:
             raise ArgumentError(f"export: .{ending} files hold one level; give separate=True")
         names = [path] if len(cuts) == 1 else [_name(path, k) for k in range(len(cuts))]
-        for name, cut in zip(names, cuts, strict=True):
-            _export.write(_export.files_of(cut, name, notes))
+        for name, surface in zip(names, surfaces, strict=True):
+            _export.write(_export.files_of(surface, name, notes))
         notes.warn(path)
         return names
     document = _export_gltf.Document(notes, path)
     numbers, poses = [], []
-    for cut in cuts:
-        number, origin = document.mesh(cut)
+    for surface in surfaces:
+        number, origin = document.mesh(surface)
         pose = np.eye(4)
         pose[:3, 3] = 0.0 if origin is None else origin
         numbers.append(number)

@@ -207,9 +207,7 @@ def integers(image: Image, color: bool, notes: Notes) -> NDArray[Any]:
     if color:
         # Floats are linear; alpha is linear in files too.
         count = pixels.shape[2] - (pixels.shape[2] in (2, 4))
-        bright = pixels[..., :count]
-        curve = np.where(bright <= 0.0031308, bright * 12.92, 1.055 * bright ** (1 / 2.4) - 0.055)
-        pixels = np.concatenate([curve, pixels[..., count:]], axis=2)
+        pixels = np.concatenate([_colors.to_srgb(pixels[..., :count]), pixels[..., count:]], axis=2)
     return np.rint(pixels * 65535.0).astype(np.uint16)
 
 

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from nanite_rs import _checks, _images
+from nanite_rs import _checks, _colors, _images
 from nanite_rs._arrays import as_array
 from nanite_rs.exceptions import ArgumentError, DtypeError, InternalError
 from nanite_rs.frame import Frame
@@ -199,23 +199,13 @@ def _flip(
         return found
 
     # Images without a colour space are taken as linear, whatever the configuration of OpenColorIO.
-    linear = (np.ascontiguousarray(_decoded(x), np.float32) for x in (reference, image))
+    linear = (np.ascontiguousarray(_colors.from_srgb(x), np.float32) for x in (reference, image))
     # On this thread alone: a forked process would lack other threads, and they gain little.
     buffers = map(oiio.ImageBuf, linear)
     flip = oiio.ImageBufAlgo.FLIP_diff(*buffers, hdr=0, ppd=pixels_per_degree, nthreads=1)
     flip_map = pixels(flip)[..., 0].copy()
-    magma = _encoded(pixels(oiio.ImageBufAlgo.color_map(flip, 0, "magma", nthreads=1)))
+    magma = _colors.to_srgb(pixels(oiio.ImageBufAlgo.color_map(flip, 0, "magma", nthreads=1)))
     return flip_map, np.rint(255.0 * magma).astype(np.uint8)
-
-
-def _decoded(encoded: NDArray[Any]) -> NDArray[Any]:
-    """From sRGB (IEC 61966-2-1) to linear light."""
-    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
-
-
-def _encoded(linear: NDArray[Any]) -> NDArray[Any]:
-    """From linear light to sRGB."""
-    return np.where(linear <= 0.0031308, linear * 12.92, 1.055 * linear ** (1.0 / 2.4) - 0.055)
 
 
 def _outline(mask: NDArray[np.bool_]) -> NDArray[np.float64]:

@@ -588,6 +588,7 @@ class NaniteMesh(Geometry):
         errors: Iterable[float] | None = None,
         separate: bool = False,
         pixel_error: float = 1.0,
+        fit_textures: bool | None = None,
     ) -> list[str]:
         """Write levels of detail for other programs: one glTF file with all of them, or a file for each.
 
@@ -610,6 +611,10 @@ class NaniteMesh(Geometry):
             A file for each level.
         pixel_error : float
             Pixels by which what is shown may be off.
+        fit_textures : bool, optional
+            Whether levels after the first have smaller images, halved as often as leaves a texel for each pixel
+            where the level begins; colours are averaged in linear light, and what was JPEG is JPEG again. By
+            default levels of one file share the images of the first, and those of separate files are fitted.
 
         Returns
         -------
@@ -633,7 +638,8 @@ class NaniteMesh(Geometry):
         """
         separate = _checks.truth(separate, "separate")
         pixel_error = _checks.number(pixel_error, "pixel_error")
-        return _export_levels.export(self, _checks.path_of(path), levels, errors, separate, pixel_error)
+        fit = separate if fit_textures is None else _checks.truth(fit_textures, "fit_textures")
+        return _export_levels.export(self, _checks.path_of(path), levels, errors, separate, pixel_error, fit)
 
     @staticmethod
     def file_info(

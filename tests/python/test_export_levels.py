@@ -7,11 +7,13 @@ import math
 from pathlib import Path
 
 import numpy as np
+import PIL.Image
 import pytest
 import trimesh
 
 import nanite_rs as nrs
 from nanite_rs._export_levels import SCREEN, YFOV, coverages
+from nanite_rs._export_textures import halved
 from test_export import source
 
 FOCAL = 0.5 * SCREEN[1] / math.tan(0.5 * YFOV)
@@ -108,6 +110,108 @@ def test_large_coordinates_stay_exact(tmp_path) -> None:
     mesh.export(tmp_path / "a.gltf", levels=[1.0, 0.1])
     for node in document(tmp_path / "a.gltf")["nodes"]:
         np.testing.assert_allclose(node["translation"], 1e7, atol=0.1)
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
+@pytest.mark.parametrize("channels", [1, 2, 3, 4])
+def test_halved_images_are_means_in_linear_light(dtype, channels) -> None:
+    rng = np.random.default_rng(4)
+    whole = 1.0 if dtype == np.float32 else np.iinfo(dtype).max
+    pixels = (rng.uniform(0, 1, (16, 32, channels)) * whole).astype(dtype)
+    for color in (False, True):
+        values = pixels / whole
+        bright = channels - (channels in (2, 4)) if color and dtype != np.float32 else 0
+        values[..., :bright] = linear(values[..., :bright])
+        means = values.reshape(4, 4, 8, 4, channels).mean(axis=(1, 3))
+        means[..., :bright] = srgb(means[..., :bright])
+        found = halved(nrs.Image(pixels), 2, color).pixels
+        assert found.dtype == dtype
+        np.testing.assert_allclose(found / whole, means, atol=0.6 / min(whole, 1e5) + 1e-6)
+
+
+def linear(x: np.ndarray) -> np.ndarray:
+    """As IEC 61966-2-1 has it."""
+    return np.where(x <= 0.04045, x / 12.92, ((x + 0.055) / 1.055) ** 2.4)
+
+
+def srgb(x: np.ndarray) -> np.ndarray:
+    return np.where(x <= 0.0031308, x * 12.92, 1.055 * x ** (1 / 2.4) - 0.055)
+
+
+def test_odd_sides_are_averaged_by_area() -> None:
+    pixels = np.arange(5, dtype=np.float32).reshape(1, 5, 1)
+    # 2.5 pixels each.
+    expected = [(0 + 1 + 0.5 * 2) / 2.5, (0.5 * 2 + 3 + 4) / 2.5]
+    np.testing.assert_allclose(halved(nrs.Image(pixels), 1, False).pixels[0, :, 0], expected, rtol=1e-5)
+    assert halved(nrs.Image(pixels), 9, False).size == (1, 1)
+
+
+def painted(size: int) -> nrs.NaniteMesh:
+    """A bumpy ball with a fine pattern."""
+    vertices, faces = nrs.shapes.displaced_icosphere(faces=20_000)
+    uvs = 0.2 + 0.3 * vertices[:, :2].astype(np.float32)
+    x, y = np.meshgrid(*2 * [np.linspace(0, 60, size)])
+    pattern = np.stack([np.sin(x), np.sin(y), np.cos(x + y)], axis=-1)
+    look = nrs.Material(
+        base_color=(1, 1, 1),
+        metallic=0.0,
+        base_color_texture=nrs.Texture((127 + 120 * pattern).astype(np.uint8)),
+    )
+    return nrs.NaniteMesh.from_arrays(vertices, faces, uvs=uvs, materials=look)
+
+
+def test_textures_of_coarse_levels_have_what_is_seen_of_them(tmp_path) -> None:
+    mesh = painted(2048)
+    errors = [0.0, 0.02, 0.1]
+    names = mesh.export(tmp_path / "a.gltf", errors=errors, separate=True)
+    sizes = [images(name)[0] for name in names]
+    assert sizes[0] == 2048 > sizes[1] > sizes[2] >= 16
+    pictures = []
+    for error, name in zip(errors[1:], names[1:], strict=True):
+        fitted = nrs.load_scene(name).scene
+        whole = nrs.Scene()
+        whole.add(nrs.NaniteMesh.from_arrays(**arrays(mesh.cut(error=error))))
+        away = FOCAL * error + 1.3
+        for scene in (fitted, whole):
+            scene.ambient_light = (1.0, 1.0, 1.0)
+            pose = np.eye(4)
+            pose[2, 3] = away
+            with nrs.Renderer(*SCREEN, backend="cpu") as renderer:
+                pictures.append(
+                    renderer.render(scene, nrs.PerspectiveCamera(yfov=YFOV), pose, pixel_error=0).color
+                )
+    for a, b in zip(pictures[::2], pictures[1::2], strict=True):
+        seen = (b != b[0, 0]).any(axis=2)
+        assert seen.sum() > 300
+        assert 10 * np.log10(255**2 / np.mean((a[seen].astype(float) - b[seen]) ** 2)) > 28
+
+
+def arrays(cut: nrs.Cut) -> dict:
+    names = ("vertices", "faces", "normals", "uvs", "materials")
+    return {name: getattr(cut, name) for name in names}
+
+
+def images(name: str) -> list[int]:
+    """Widths of the images of a file."""
+    loaded = nrs.load_scene(name)
+    (look,) = {node.material for node in loaded.scene.instances}
+    return [look.base_color_texture.image.size[0]]
+
+
+def test_jpeg_stays_jpeg(tmp_path) -> None:
+    rng = np.random.default_rng(0)
+    picture = PIL.Image.fromarray(rng.integers(0, 255, (8, 8, 3)).astype(np.uint8)).resize((512, 512))
+    picture.save(tmp_path / "a.jpg")
+    image = nrs.Image.open(tmp_path / "a.jpg")
+    small = halved(image, 2, True)
+    assert small.encoded().startswith(b"\xff\xd8\xff")
+    assert small.size == (128, 128)
+    assert (
+        np.abs(
+            small.pixels.astype(int) - np.asarray(picture.resize((128, 128), PIL.Image.Resampling.BOX))
+        ).mean()
+        < 4
+    )
 
 
 @pytest.mark.parametrize(
