@@ -18,7 +18,20 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar, get_args
 import numpy as np
 
 import nanite_rs as nrs
-from nanite_rs import _advice, _core, _export, _images, _overlay, _paint, _sources, _text, _upload, io, shapes
+from nanite_rs import (
+    _advice,
+    _core,
+    _export,
+    _export_parts,
+    _images,
+    _overlay,
+    _paint,
+    _sources,
+    _text,
+    _upload,
+    io,
+    shapes,
+)
 from nanite_rs._preview import BACKGROUND, CLAY, UP, picture
 from nanite_rs.exceptions import ArgumentError, NaniteError
 from nanite_rs.frame import ViewName
@@ -222,8 +235,13 @@ def _info(arguments: argparse.Namespace) -> int:
     low, high = info["bounds"]
     print(mesh)
     print(f"{'bounds':>13}  {_triple(low)} to {_triple(high)}")
-    attributes = ["normals", *(["colours"] if info["colors"] else []), *(["UVs"] * bool(info["uv_sets"]))]
+    sets = info["uv_sets"]
+    uvs = [] if not sets else ["UVs" if sets == 1 else f"{sets} UV sets"]
+    attributes = ["normals", *(["colours"] if info["colors"] else []), *uvs, *info["channels"]]
     print(f"{'attributes':>13}  {', '.join(attributes)}")
+    if mesh.materials:
+        images = {id(texture.image) for look in mesh.materials for _, texture in _export_parts.textures(look)}
+        print(f"{'materials':>13}  {len(mesh.materials):,}, with {len(images):,} images")
     if info["rounding"]:
         print(f"{'rounding':>13}  positions moved by {info['rounding']:.3g} at most")
     print(mesh.report)

@@ -14,6 +14,7 @@ import pytest
 
 import nanite_rs as nrs
 from nanite_rs import _material_files
+from nanite_rs.cli import main
 from oracles import data
 from oracles.materials import textures
 
@@ -155,6 +156,12 @@ def test_plain_looks_are_not_written(tmp_path) -> None:
         assert again.materials == ()
         assert nrs.NaniteMesh.file_info(tmp_path / "a.nanite")["parts"]["materials"] == 0
     assert saved(ball(nrs.Material(name="steel")), tmp_path / "a.nanite").materials[0].name == "steel"
+
+
+def test_the_command_line_counts_them(tmp_path, capsys) -> None:
+    ball(everything()).save(tmp_path / "a.nanite")
+    assert main(["info", str(tmp_path / "a.nanite")]) == 0
+    assert "materials  3, with 5 images\n" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("path", [pytest.param(p, id=p.stem) for p in data.folder_models("gltf")])
