@@ -260,6 +260,14 @@ def _cut(arguments: argparse.Namespace) -> int:
     output = Path(arguments.output)
     _export.ending_of(arguments.output)  # before anything is built
     mesh = _mesh(arguments)
+    if arguments.levels is not None or arguments.errors is not None:
+        chosen = {"levels": arguments.levels, "errors": arguments.errors}
+        names = mesh.export(output, separate=arguments.separate, **chosen)
+        if not arguments.quiet:
+            print(
+                f"{', '.join(names)}: {len(arguments.levels or arguments.errors)} levels of {len(mesh):,} faces"
+            )
+        return 0
     cut, seconds = _timed(
         lambda: mesh.cut(
             error=arguments.error,
@@ -622,7 +630,7 @@ def _add_info(commands: Any) -> None:
 
 
 def _add_cut(commands: Any) -> None:
-    text = "Cut a mesh for an error or a number of triangles, and write it."
+    text = "Cut a mesh for an error or a number of triangles, or for levels of detail, and write it."
     sub = _command(
         commands, "cut", _cut, text, "nanite-rs cut dragon.nanite -o small.ply --target-reduction 0.99"
     )
@@ -632,6 +640,17 @@ def _add_cut(commands: Any) -> None:
     selector.add_argument("--error", type=float, metavar="E", help="largest error, in units of the mesh")
     selector.add_argument("--target-faces", type=int, metavar="N", help="triangles to keep")
     selector.add_argument("--target-reduction", type=float, metavar="R", help="fraction to remove, 0 to 1")
+    selector.add_argument(
+        "--levels",
+        type=float,
+        nargs="+",
+        metavar="PART",
+        help="parts of the faces of several levels: 1 0.2 0.04",
+    )
+    selector.add_argument("--errors", type=float, nargs="+", metavar="E", help="errors of several levels")
+    sub.add_argument(
+        "--separate", action="store_true", help="a file for each level, not one of glTF with all"
+    )
     sub.add_argument(
         "--whole-groups", action="store_true", help="stay below a number of triangles rather than meet it"
     )

@@ -113,6 +113,15 @@ def test_cut_writes_what_trimesh_reads(built, tmp_path, suffix):
     assert mesh.is_watertight
 
 
+def test_cut_writes_levels(built, tmp_path, capsys):
+    output = tmp_path / "levels.glb"
+    assert cli.main(["cut", str(built), "-o", str(output), "--levels", "0.5", "0.1"]) == 0
+    assert capsys.readouterr().out.startswith(f"{output}: 2 levels of ")
+    assert b"MSFT_lod" in output.read_bytes()
+    assert cli.main(["cut", str(built), "-o", str(output), "--errors", "0.01", "0.1", "--separate"]) == 0
+    assert (tmp_path / "levels_lod1.glb").exists()
+
+
 def test_render_writes_the_picture_and_the_stages(built, tmp_path, capsys):
     from PIL import Image
 
