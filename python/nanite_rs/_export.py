@@ -11,14 +11,22 @@ import numpy as np
 
 from nanite_rs import _advice, _colors, _export_gltf, _export_usd, _trimesh
 from nanite_rs._asset import Notes
-from nanite_rs._export_parts import COLORS, Piece, Surface, image_file, pieces, textures
+from nanite_rs._export_parts import COLORS, Document, Piece, Surface, image_file, pieces, textures
 from nanite_rs._images import beside
 from nanite_rs.exceptions import FormatError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
 
     from numpy.typing import NDArray
+
+
+DOCUMENTS: Final[dict[str, Callable[[Notes, str], Document]]] = {
+    "glb": _export_gltf.Document,
+    "gltf": _export_gltf.Document,
+    **dict.fromkeys(_export_usd.ENDINGS, _export_usd.Document),
+}
+"""Formats that hold more than one surface, by their endings."""
 
 
 def export(surface: Surface, path: str) -> None:
@@ -31,6 +39,13 @@ def export(surface: Surface, path: str) -> None:
 def files_of(surface: Surface, path: str, notes: Notes) -> dict[str, bytes]:
     """Return the files of a surface by their paths."""
     ending = ending_of(path)
+    if ending in DOCUMENTS:
+        document = DOCUMENTS[ending](notes, path)
+        number, origin = document.mesh(surface)
+        pose = np.eye(4)
+        pose[:3, 3] = 0.0 if origin is None else origin
+        document.place(number, pose)
+        return document.files()
     writer = _WRITERS.get(ending)
     return _by_trimesh(surface, path, ending, notes) if writer is None else writer(surface, path, notes)
 
@@ -45,13 +60,14 @@ def write(files: Mapping[str, bytes]) -> None:
 def ending_of(path: str) -> str:
     """Return the ending of a path that can be written; any other is an error."""
     ending = Path(path).suffix.lower().removeprefix(".")
-    if ending not in _WRITERS:
+    known = set(_WRITERS) | set(DOCUMENTS)
+    if ending not in known:
         import trimesh
 
         theirs = set(trimesh.exchange.export._mesh_exporters) - {"dict", "dict64", "stl_ascii"}
         if ending not in theirs:
-            known = ", ".join(sorted(theirs | set(_WRITERS)))
-            raise FormatError(f"{path}: cannot write that; what can be written are {known}")
+            some = ", ".join(sorted(theirs | known))
+            raise FormatError(f"{path}: cannot write that; what can be written are {some}")
     return ending
 
 
@@ -262,12 +278,4 @@ def _by_trimesh(surface: Surface, path: str, ending: str, notes: Notes) -> dict[
     return {path: content.encode() if isinstance(content, str) else bytes(content)}
 
 
-_WRITERS: Final = {
-    "glb": _export_gltf.surface_files,
-    "gltf": _export_gltf.surface_files,
-    "obj": _obj,
-    "off": _off,
-    "ply": _ply,
-    "stl": _stl,
-    **dict.fromkeys(_export_usd.ENDINGS, _export_usd.surface_files),
-}
+_WRITERS: Final = {"obj": _obj, "off": _off, "ply": _ply, "stl": _stl}

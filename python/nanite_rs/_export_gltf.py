@@ -252,16 +252,6 @@ def _placed(pose: NDArray[np.float64]) -> dict[str, Any]:
     return {"translation": pose[:3, 3].tolist()} if pose[:3, 3].any() else {}
 
 
-def surface_files(surface: Surface, path: str, notes: Notes) -> dict[str, bytes]:
-    """Return the files of a surface."""
-    document = Document(notes, path)
-    number, origin = document.mesh(surface)
-    pose = np.eye(4)
-    pose[:3, 3] = 0.0 if origin is None else origin
-    document.place(number, pose)
-    return document.files()
-
-
 def _rigid(pose: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return a pose whose axes have length 1, which is all that a light knows of it."""
     out = pose.copy()

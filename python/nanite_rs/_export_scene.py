@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from nanite_rs import _colors, _export, _export_gltf, _export_usd
+from nanite_rs import _colors, _export
 from nanite_rs._asset import Asset, Notes, Part, Source
 from nanite_rs._export_parts import Arrays, Document
 from nanite_rs._flatten import flattened
@@ -18,7 +18,7 @@ from nanite_rs.strokes import Lines, Points
 from nanite_rs.triangle_mesh import TriangleMesh
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable
+    from collections.abc import Hashable
 
     from numpy.typing import NDArray
 
@@ -27,11 +27,6 @@ if TYPE_CHECKING:
     from nanite_rs.material import Material
     from nanite_rs.scene import MeshNode, Scene
 
-_DOCUMENTS: Final[dict[str, Callable[[Notes, str], Document]]] = {
-    "glb": _export_gltf.Document,
-    "gltf": _export_gltf.Document,
-    **dict.fromkeys(_export_usd.ENDINGS, _export_usd.Document),
-}
 # Cosine between axes of a pose up to which these count as being at right angles.
 _SKEW: Final = 1e-6
 # Part of the size of a scene that float32 may round.
@@ -49,8 +44,8 @@ def export(scene: Scene, path: str, error: float | None, reduction: float | None
     notes = Notes()
     _unwritten(scene, notes)
     cuts = _Cuts(error, reduction)
-    if ending in _DOCUMENTS:
-        document = _DOCUMENTS[ending](notes, path)
+    if ending in _export.DOCUMENTS:
+        document = _export.DOCUMENTS[ending](notes, path)
         _fill(document, scene, shown, cuts, notes)
         files = document.files()
     else:

@@ -33,16 +33,6 @@ _SLOTS: Final = {
 }
 
 
-def surface_files(surface: Surface, path: str, notes: Notes) -> dict[str, bytes]:
-    """Return the files of a surface."""
-    document = Document(notes, path)
-    number, origin = document.mesh(surface)
-    pose = np.eye(4)
-    pose[:3, 3] = 0.0 if origin is None else origin
-    document.place(number, pose)
-    return document.files()
-
-
 class Document:
     """A stage with a class for each mesh, and instances of them."""
 
