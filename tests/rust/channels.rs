@@ -184,16 +184,17 @@ fn sections_that_do_not_fit_are_refused() {
     let list = found("\"channels\": [").end;
     let list = list..list + text[list - json.start..].find(']').unwrap();
     refused(list.clone(), &vec![b' '; list.len()], HEADER_BYTES, "2 sections Channels for 0 channels");
-    // Kinds in the table, in order: metadata, page table, dependencies, groups, nodes, face ids, two channels, pages.
+    // Kinds in the table, in order: metadata, page table, dependencies, groups, nodes, materials, face ids, two channels, images,
+    // pages.
     let rows: Vec<usize> = entries(&bytes).collect();
-    for (row, kind, at) in [(7, Kind::FaceIds as u32, 7), (2, Kind::Nodes as u32, 4), (2, 99, 2)] {
+    for (row, kind, at) in [(8, Kind::FaceIds as u32, 8), (2, Kind::Nodes as u32, 4), (2, 99, 2)] {
         let place = rows[row]..rows[row] + 4;
         refused(place, &kind.to_le_bytes(), rows[at], "unknown, or there twice");
     }
     let kind = (Kind::Channels as u32).to_le_bytes();
-    refused(rows[5]..rows[5] + 4, &kind, HEADER_BYTES, "3 sections Channels for 2");
+    refused(rows[6]..rows[6] + 4, &kind, HEADER_BYTES, "3 sections Channels for 2");
     // A word less of the last channel is a word between sections.
-    let (length, end) = (rows[7] + 16, place[2].end - 4);
+    let (length, end) = (rows[8] + 16, place[2].end - 4);
     let shorter = (place[2].len() as u64 - 4).to_le_bytes();
     refused(length..length + 8, &shorter, end, "not empty");
 }
