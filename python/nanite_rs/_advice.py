@@ -38,7 +38,6 @@ _ELSEWHERE = {
         },
         **dict.fromkeys(("simplify", "decimate"), "mesh.cut(target_reduction=0.9) removes 90 %"),
         **dict.fromkeys(("show", "view", "plot"), "nanite_rs.view(mesh) opens it in a window or a notebook"),
-        "export": "mesh.save(path) writes all levels; mesh.cut(error=0).export(path) one of them",
         **dict.fromkeys(("extents", "center", "centroid", "box"), "mesh.bounds has the corners of its box"),
         "levels": "mesh.report.levels says what each has",
     },

@@ -90,10 +90,10 @@ def coverages(errors: Sequence[float], radius: float, pixel_error: float) -> lis
 
 
 def _cuts(mesh: Geometry, levels: Iterable[float] | None, errors: Iterable[float] | None) -> list[Cut]:
-    if (levels is None) == (errors is None):
-        raise ArgumentError(
-            "export: expected levels or errors, found " + ("none" if levels is None else "both")
-        )
+    if levels is not None and errors is not None:
+        raise ArgumentError("export: expected levels or errors, found both")
+    if levels is None and errors is None:
+        return [mesh.cut(error=0.0)]
     name, given = ("levels", levels) if errors is None else ("errors", errors)
     if given is None or isinstance(given, str | bytes):
         raise DtypeError(f"{name}: expected numbers, not {given!r}")

@@ -604,7 +604,8 @@ class NaniteMesh(Geometry):
             The file, ``.glb`` or ``.gltf``. With ``separate`` any that `Cut.export` writes: each level gets
             ``_lod0``, ``_lod1`` and so on behind its name. A file of one level is written as by `Cut.export`.
         levels : iterable of float
-            The parts of the faces that each level keeps, the finest first: 1 is all.
+            The parts of the faces that each level keeps, the finest first: 1 is all. Without levels and errors the
+            file has all faces, as that of ``mesh.cut(error=0)``.
         errors : iterable of float
             Instead: the largest error of each level, in units of the mesh, the finest first.
         separate : bool

@@ -102,6 +102,8 @@ def test_a_file_for_each_level(ending, tmp_path) -> None:
             mesh.cut(target_faces=int(part * len(mesh)))
         )
     assert mesh.export(tmp_path / f"b.{ending}", errors=[0.1]) == [str(tmp_path / f"b.{ending}")]
+    assert mesh.export(tmp_path / f"c.{ending}") == [str(tmp_path / f"c.{ending}")]
+    assert len(trimesh.load(tmp_path / f"c.{ending}", force="mesh").faces) == len(mesh)
 
 
 def test_large_coordinates_stay_exact(tmp_path) -> None:
@@ -217,7 +219,6 @@ def test_jpeg_stays_jpeg(tmp_path) -> None:
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({}, "expected levels or errors, found none"),
         ({"levels": [1], "errors": [0]}, "found both"),
         ({"levels": []}, "levels: there are none"),
         ({"levels": [0.1, 0.5]}, "the finest comes first"),

@@ -466,7 +466,6 @@ NAMES = {
     "mesh.to_trimesh": "gives cut.to_trimesh()",
     "mesh.simplify": "mesh.cut(target_reduction=0.9)",
     "mesh.show": "nanite_rs.view(mesh)",
-    "mesh.export": "mesh.save(path)",
     "mesh.extents": "mesh.bounds",
     "cut.save": "cut.export(path)",
     "cut.points": "cut.vertices",
