@@ -41,10 +41,7 @@ def files_of(surface: Surface, path: str, notes: Notes) -> dict[str, bytes]:
     ending = ending_of(path)
     if ending in DOCUMENTS:
         document = DOCUMENTS[ending](notes, path)
-        number, origin = document.mesh(surface)
-        pose = np.eye(4)
-        pose[:3, 3] = 0.0 if origin is None else origin
-        document.place(number, pose)
+        document.place(document.mesh(surface), np.eye(4))
         return document.files()
     writer = _WRITERS.get(ending)
     return _by_trimesh(surface, path, ending, notes) if writer is None else writer(surface, path, notes)

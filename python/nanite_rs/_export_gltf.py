@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from nanite_rs._asset import GLTF_SLOTS, LINES, MINIFICATION, POINTS, WRAPS, Notes
-from nanite_rs._export_parts import COLORS, image_file, near, pieces, textures
+from nanite_rs._asset import GLTF_SLOTS, LINES, MINIFICATION, POINTS, WRAPS, Notes, rigid
+from nanite_rs._export_parts import COLORS, image_file, image_key, moved, near, pieces, textures
 from nanite_rs.exceptions import FormatError
 from nanite_rs.light import DirectionalLight, SpotLight
 
@@ -36,6 +36,8 @@ class Document:
         self.body = bytearray()
         self._notes, self._path = notes, path
         self._known: dict[Any, int] = {}
+        # Where positions of meshes are about, if these have large numbers.
+        self._origins: list[NDArray[np.float64] | None] = []
         self._extensions: set[str] = set()
 
     def row(self, table: str, fields: dict[str, Any], key: Any = None) -> int:
@@ -82,8 +84,8 @@ class Document:
 
     # ------------------------------------------------------------------------------- meshes and nodes
 
-    def mesh(self, surface: Surface) -> tuple[int, NDArray[np.float64] | None]:
-        """Add a surface; return its number, and where its origin lies if its positions have large numbers."""
+    def mesh(self, surface: Surface) -> int:
+        """Add a surface; return its number."""
         vertices, origin = near(surface.vertices)
         extra, colors = _channels(surface, self._notes), surface.fine_colors
         primitives = []
@@ -101,7 +103,7 @@ class Document:
             indices = self._indices(piece.faces, len(piece.used))
             material = self.material(piece.material, piece.label)
             primitives.append({"attributes": attributes, "indices": indices, "material": material})
-        return self.row("meshes", {"primitives": primitives}), origin
+        return self._mesh(primitives, origin)
 
     def strokes(
         self,
@@ -109,8 +111,8 @@ class Document:
         segments: NDArray[np.uint32] | None,
         colors: NDArray[Any] | None,
         look: Material,
-    ) -> tuple[int, NDArray[np.float64] | None]:
-        """Add points, or lines; the same is returned."""
+    ) -> int:
+        """Add points, or lines; return their number."""
         vertices, origin = near(positions)
         attributes = self._positions(vertices)
         if colors is not None:
@@ -119,26 +121,26 @@ class Document:
         if segments is not None:
             primitive["indices"] = self._indices(segments, len(positions))
         primitive["material"] = self.material(look, look.name or "strokes")
-        return self.row("meshes", {"primitives": [primitive]}), origin
+        return self._mesh([primitive], origin)
+
+    def _mesh(self, primitives: list[dict[str, Any]], origin: NDArray[np.float64] | None) -> int:
+        self._origins.append(origin)
+        return self.row("meshes", {"primitives": primitives})
 
     def place(self, number: int, pose: NDArray[np.float64], name: str = "") -> None:
         """Add a node of a mesh."""
-        self._node({"mesh": number, **_placed(pose)} | ({"name": name} if name else {}))
+        fields = {"mesh": number, **_placed(moved(pose, self._origins[number]))}
+        self._node(fields | ({"name": name} if name else {}))
 
-    def place_levels(
-        self, numbers: Sequence[int], poses: Sequence[NDArray[np.float64]], notes: Sequence[dict[str, Any]]
-    ) -> dict[str, Any]:
-        """Add a node of levels of detail, finest first, each with extras; return that of the finest."""
-        rows = [
-            {"mesh": number, **_placed(pose), "extras": dict(extras)}
-            for number, pose, extras in zip(numbers, poses, notes, strict=True)
-        ]
-        first, *coarser = rows
+    def place_levels(self, numbers: Sequence[int], extras: Sequence[dict[str, Any]]) -> None:
+        """Add a node of levels of detail, finest first, each with extras."""
+        first, *coarser = (
+            {"mesh": number, **_placed(moved(np.eye(4), self._origins[number])), "extras": own}
+            for number, own in zip(numbers, extras, strict=True)
+        )
         self._node(first)
         ids = [self.row("nodes", row) for row in coarser]
-        if ids:
-            first["extensions"] = self.extension("MSFT_lod", {"ids": ids})
-        return first
+        first["extensions"] = self.extension("MSFT_lod", {"ids": ids})
 
     def shine(self, light: Light, pose: NDArray[np.float64]) -> None:
         """Add a node of a light."""
@@ -146,7 +148,7 @@ class Document:
         table = self.json.setdefault("extensions", {}).setdefault(name, {"lights": []})["lights"]
         table.append(_light(light, self._notes))
         extension = self.extension(name, {"light": len(table) - 1})
-        self._node({"extensions": extension, **_placed(_rigid(pose))})
+        self._node({"extensions": extension, **_placed(rigid(pose))})
 
     def _node(self, fields: dict[str, Any]) -> None:
         scene = self.json.setdefault("scenes", [{"nodes": []}])[0]
@@ -204,7 +206,7 @@ class Document:
 
     def _texture(self, texture: Texture, slot: str) -> dict[str, Any]:
         color = slot in COLORS
-        key = id(texture.image), color and texture.image.pixels.dtype.kind == "f"
+        key = image_key(texture.image, slot)
         if ("images", key) not in self._known:
             data, ending = image_file(texture.image, color, self._notes)
             kind = "image/png" if ending == "png" else "image/jpeg"
@@ -222,13 +224,13 @@ class Document:
         out: dict[str, Any] = {"index": self.row("textures", fields, tuple(fields.values()))}
         if texture.uv_set:
             out["texCoord"] = texture.uv_set
-        moved = {
+        transform = {
             "offset": list(texture.offset),
             "rotation": float(texture.rotation),
             "scale": list(texture.scale),
         }
-        if moved != {"offset": [0.0, 0.0], "rotation": 0.0, "scale": [1.0, 1.0]}:
-            out["extensions"] = self.extension("KHR_texture_transform", moved)
+        if transform != {"offset": [0.0, 0.0], "rotation": 0.0, "scale": [1.0, 1.0]}:
+            out["extensions"] = self.extension("KHR_texture_transform", transform)
         return out
 
     # ---------------------------------------------------------------------------------------- files
@@ -250,17 +252,6 @@ def _placed(pose: NDArray[np.float64]) -> dict[str, Any]:
     if not np.array_equal(pose[:3, :3], np.eye(3)):
         return {"matrix": pose.T.reshape(-1).tolist()}
     return {"translation": pose[:3, 3].tolist()} if pose[:3, 3].any() else {}
-
-
-def _rigid(pose: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a pose whose axes have length 1, which is all that a light knows of it."""
-    out = pose.copy()
-    back = pose[:3, 2] / np.linalg.norm(pose[:3, 2])
-    aside = np.eye(3)[np.argmin(np.abs(back))] if abs(pose[:3, 0] @ back) > 0.9 else pose[:3, 0]
-    aside = aside - back * (aside @ back)
-    aside /= np.linalg.norm(aside)
-    out[:3, :3] = np.stack([aside, np.cross(back, aside), back], axis=1)
-    return out
 
 
 def _light(light: Light, notes: Notes) -> dict[str, Any]:

@@ -56,18 +56,10 @@ def export(
         notes.warn(path)
         return names
     document = _export_gltf.Document(notes, path)
-    numbers, poses = [], []
-    for surface in surfaces:
-        number, origin = document.mesh(surface)
-        pose = np.eye(4)
-        pose[:3, 3] = 0.0 if origin is None else origin
-        numbers.append(number)
-        poses.append(pose)
-    extras = [{"error": cut.error, "triangles": len(cut)} for cut in cuts]
-    first = document.place_levels(numbers, poses, extras)
-    low, high = mesh.bounds
-    radius = 0.5 * float(np.linalg.norm(high - low))
-    first["extras"]["MSFT_screencoverage"] = coverages([cut.error for cut in cuts], radius, pixel_error)
+    extras: list[dict[str, Any]] = [{"error": cut.error, "triangles": len(cut)} for cut in cuts]
+    radius = 0.5 * float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
+    extras[0]["MSFT_screencoverage"] = coverages([cut.error for cut in cuts], radius, pixel_error)
+    document.place_levels([document.mesh(surface) for surface in surfaces], extras)
     _export.write(document.files())
     notes.warn(path)
     return [path]

@@ -57,8 +57,8 @@ class Surface(Protocol):
 class Document(Protocol):
     """A file that holds meshes, their instances and lights."""
 
-    def mesh(self, surface: Surface) -> tuple[int, NDArray[np.float64] | None]:
-        """Add a surface; return its number, and where its origin lies if its positions have large numbers."""
+    def mesh(self, surface: Surface) -> int:
+        """Add a surface; return its number."""
 
     def strokes(
         self,
@@ -66,8 +66,8 @@ class Document(Protocol):
         segments: NDArray[np.uint32] | None,
         colors: NDArray[Any] | None,
         look: Material,
-    ) -> tuple[int, NDArray[np.float64] | None]:
-        """Add points, or lines; the same is returned."""
+    ) -> int:
+        """Add points, or lines; return their number."""
 
     def place(self, number: int, pose: NDArray[np.float64], name: str = "") -> None:
         """Add an instance of what has this number; the axes of its pose are at right angles."""
@@ -175,6 +175,19 @@ def near(
         return vertices.astype(np.float32, copy=False), None
     origin = (vertices.min(axis=0) + vertices.max(axis=0)) / 2.0
     return (vertices - origin).astype(np.float32), origin
+
+
+def moved(pose: NDArray[np.float64], origin: NDArray[np.float64] | None) -> NDArray[np.float64]:
+    """Return the pose of an instance about such an origin."""
+    out = pose.copy()
+    if origin is not None:
+        out[:3, 3] += pose[:3, :3] @ origin
+    return out
+
+
+def image_key(image: Image, slot: str) -> tuple[int, bool]:
+    """Return by what files tell images apart: floats of colours are written otherwise than other floats."""
+    return id(image), slot in COLORS and image._dtype.startswith("f")
 
 
 def png(pixels: NDArray[Any]) -> bytes:

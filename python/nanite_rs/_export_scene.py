@@ -111,7 +111,7 @@ def _whole(mesh: TriangleMesh) -> Cut:
 
 def _fill(document: Document, scene: Scene, shown: list[MeshNode], cuts: _Cuts, notes: Notes) -> None:
     """Add what is visible to a document."""
-    known: dict[Hashable, tuple[int, NDArray[np.float64] | None]] = {}
+    known: dict[Hashable, int] = {}
     for node in shown:
         mesh, pose = node.mesh, node.pose
         look = several(node.material, "material")
@@ -128,19 +128,13 @@ def _fill(document: Document, scene: Scene, shown: list[MeshNode], cuts: _Cuts, 
             key = id(cut), look, turn.tobytes()
             if key not in known:
                 known[key] = document.mesh(_turned(Arrays.of(cut, look), turn))
-        number, origin = known[key]
-        if origin is not None:
-            pose = pose.copy()
-            pose[:3, 3] += pose[:3, :3] @ origin
-        document.place(number, pose, f"instance_{node.instance_id}")
+        document.place(known[key], pose, f"instance_{node.instance_id}")
     for light in scene.lights:
         if light.visible:
             document.shine(light.light, light.pose)
 
 
-def _strokes(
-    document: Document, mesh: Points | Lines, look: Material, notes: Notes
-) -> tuple[int, NDArray[np.float64] | None]:
+def _strokes(document: Document, mesh: Points | Lines, look: Material, notes: Notes) -> int:
     notes.add("sizes of points and lines")
     segments = mesh.segments if isinstance(mesh, Lines) else None
     shown = replace(look, unlit=True, alpha_mode="opaque")

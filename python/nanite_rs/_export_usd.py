@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from nanite_rs import _advice, _colors
-from nanite_rs._export_parts import COLORS, image_file, near, pieces, textures
+from nanite_rs._export_parts import COLORS, image_file, image_key, moved, near, pieces, textures
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -57,20 +57,18 @@ class Document:
         # Images by their names beside the file.
         self._images: dict[str, bytes] = {}
         self._names: dict[tuple[int, bool], str] = {}
-        self._meshes = self._nodes = 0
+        # Where positions of meshes are about, if these have large numbers.
+        self._origins: list[NDArray[np.float64] | None] = []
 
     # ----------------------------------------------------------------------------------- meshes and nodes
 
-    def mesh(self, surface: Surface) -> tuple[int, NDArray[np.float64] | None]:
-        """Add a surface; return its number, and where its origin lies if its positions have large numbers."""
-        number = self._meshes
-        self._meshes += 1
-        root = f"/mesh_{number}"
-        self._stage.CreateClassPrim(root)
+    def mesh(self, surface: Surface) -> int:
+        """Add a surface; return its number."""
         vertices, origin = near(surface.vertices)
+        number, root = self._class(origin)
         for k, piece in enumerate(pieces(surface)):
             self._piece(f"{root}/piece_{k}", f"{root}/material_{k}", vertices, surface, piece)
-        return number, origin
+        return number
 
     def strokes(
         self,
@@ -78,13 +76,11 @@ class Document:
         segments: NDArray[np.uint32] | None,
         colors: NDArray[Any] | None,
         look: Material,
-    ) -> tuple[int, NDArray[np.float64] | None]:
-        """Add points, or lines; the same is returned."""
-        number = self._meshes
-        self._meshes += 1
-        self._stage.CreateClassPrim(f"/mesh_{number}")
+    ) -> int:
+        """Add points, or lines; return their number."""
         rows, origin = near(positions)
-        path, geom = f"/mesh_{number}/strokes", self._geom
+        number, root = self._class(origin)
+        path, geom = f"{root}/strokes", self._geom
         if segments is None:
             shape = geom.Points.Define(self._stage, path)
         else:
@@ -103,13 +99,22 @@ class Document:
             geom.Tokens.constant if colors is None else geom.Tokens.vertex
         )
         shown.Set(self._vectors(painted))
-        return number, origin
+        return number
+
+    def _class(self, origin: NDArray[np.float64] | None) -> tuple[int, str]:
+        """Begin what has instances; return its number and its path."""
+        number = len(self._origins)
+        self._origins.append(origin)
+        path = f"/mesh_{number}"
+        self._stage.CreateClassPrim(path)
+        return number, path
 
     def place(self, number: int, pose: NDArray[np.float64], name: str = "") -> None:
         """Add an instance of what has this number."""
         node = self._geom.Xform.Define(self._stage, f"/scene/{name or 'surface'}")
         node.GetPrim().GetReferences().AddInternalReference(f"/mesh_{number}")
         node.GetPrim().SetInstanceable(True)
+        pose = moved(pose, self._origins[number])
         if not np.array_equal(pose, np.eye(4)):
             # Rows are images of axes: vectors stand on the left.
             node.AddTransformOp().Set(self._gf.Matrix4d(*pose.T.reshape(-1).tolist()))
@@ -253,21 +258,21 @@ class Document:
         reader.CreateInput("varname", types.String).Set(_uv_set(int(texture.uv_set)))
         reader.CreateOutput("result", types.Float2)
         if (texture.offset, texture.rotation, texture.scale) != ((0.0, 0.0), 0.0, (1.0, 1.0)):
-            moved = self._shader(f"{path}_moved", "UsdTransform2d")
-            moved.CreateInput("scale", types.Float2).Set(self._gf.Vec2f(*texture.scale))
-            moved.CreateInput("rotation", types.Float).Set(math.degrees(texture.rotation))
+            transform = self._shader(f"{path}_moved", "UsdTransform2d")
+            transform.CreateInput("scale", types.Float2).Set(self._gf.Vec2f(*texture.scale))
+            transform.CreateInput("rotation", types.Float).Set(math.degrees(texture.rotation))
             # Both count v upwards here: what (0, 0) is mapped to, once more upwards.
             (_, _, u), (_, _, v) = texture._rows()
-            moved.CreateInput("translation", types.Float2).Set(self._gf.Vec2f(u, 1.0 - v))
-            moved.CreateOutput("result", types.Float2)
-            moved.CreateInput("in", types.Float2).ConnectToSource(reader.ConnectableAPI(), "result")
-            reader = moved
+            transform.CreateInput("translation", types.Float2).Set(self._gf.Vec2f(u, 1.0 - v))
+            transform.CreateOutput("result", types.Float2)
+            transform.CreateInput("in", types.Float2).ConnectToSource(reader.ConnectableAPI(), "result")
+            reader = transform
         node.CreateInput("st", types.Float2).ConnectToSource(reader.ConnectableAPI(), "result")
         return node
 
     def _image(self, image: Image, slot: str) -> str:
         """Return the name of the file of an image."""
-        key = id(image), slot in COLORS and image.pixels.dtype.kind == "f"
+        key = image_key(image, slot)
         if key not in self._names:
             data, ending = image_file(image, slot in COLORS, self._notes)
             known = next((name for name, content in self._images.items() if content == data), None)

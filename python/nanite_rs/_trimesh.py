@@ -436,7 +436,7 @@ def _pbr(look: Material, name: str, images: dict[tuple[int, bool], PIL.Image.Ima
             continue
         if texture.wrap != ("repeat", "repeat") or texture.filter != "linear":
             notes.add("wrapping and filters of textures", name)
-        key = id(texture.image), slot in _export_parts.COLORS and texture.image.pixels.dtype.kind == "f"
+        key = _export_parts.image_key(texture.image, slot)
         if key not in images:
             pixels = _export_parts.integers(texture.image, key[1], notes)
             if pixels.dtype == np.uint16:
