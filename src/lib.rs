@@ -33,6 +33,7 @@ pub mod shadow;
 pub mod stages;
 pub mod stream;
 pub mod threads;
+pub mod tile;
 pub mod views;
 
 pub use error::{Error, Result};

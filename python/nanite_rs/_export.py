@@ -11,6 +11,7 @@ import numpy as np
 
 from nanite_rs import _advice, _colors, _export_gltf, _export_usd, _trimesh
 from nanite_rs._asset import Notes
+from nanite_rs._export_packing import Packing
 from nanite_rs._export_parts import COLORS, Document, Piece, Surface, image_file, pieces, textures
 from nanite_rs._images import beside
 from nanite_rs.exceptions import FormatError
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
-DOCUMENTS: Final[dict[str, Callable[[Notes, str], Document]]] = {
+DOCUMENTS: Final[dict[str, Callable[[Notes, str, Packing | None], Document]]] = {
     "glb": _export_gltf.Document,
     "gltf": _export_gltf.Document,
     **dict.fromkeys(_export_usd.ENDINGS, _export_usd.Document),
@@ -29,18 +30,20 @@ DOCUMENTS: Final[dict[str, Callable[[Notes, str], Document]]] = {
 """Formats that hold more than one surface, by their endings."""
 
 
-def export(surface: Surface, path: str) -> None:
+def export(surface: Surface, path: str, compression: object = None) -> None:
     """Write a surface in the format of a path's ending; what the format cannot hold is named in a warning."""
     notes = Notes()
-    write(files_of(surface, path, notes))
+    write(files_of(surface, path, notes, Packing.of(compression, ending_of(path))))
     notes.warn(path)
 
 
-def files_of(surface: Surface, path: str, notes: Notes) -> dict[str, bytes]:
+def files_of(
+    surface: Surface, path: str, notes: Notes, packing: Packing | None = None
+) -> dict[str, bytes]:
     """Return the files of a surface by their paths."""
     ending = ending_of(path)
     if ending in DOCUMENTS:
-        document = DOCUMENTS[ending](notes, path)
+        document = DOCUMENTS[ending](notes, path, packing)
         document.place(document.mesh(surface), np.eye(4))
         return document.files()
     writer = _WRITERS.get(ending)

@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from nanite_rs import _core
 from nanite_rs._asset import GLTF_SLOTS, LINES, MINIFICATION, POINTS, WRAPS, Notes, rigid
-from nanite_rs._export_parts import COLORS, image_file, image_key, moved, near, pieces, textures
+from nanite_rs._export_packing import Grid, Packing, texture_coordinates
+from nanite_rs._export_parts import COLORS, image_file, image_key, near, pieces, textures, translation
 from nanite_rs.exceptions import FormatError
 from nanite_rs.light import DirectionalLight, SpotLight
 
@@ -31,14 +33,17 @@ _WRAP_NUMBERS: Final[dict[str, int]] = {wrap: number for number, wrap in WRAPS.i
 class Document:
     """A document that is filled table by table, and the bytes that it refers to."""
 
-    def __init__(self, notes: Notes, path: str) -> None:
+    def __init__(self, notes: Notes, path: str, packing: Packing | None = None) -> None:
         self.json: dict[str, Any] = {"asset": {"version": "2.0", "generator": "nanite_rs"}, "scene": 0}
         self.body = bytearray()
-        self._notes, self._path = notes, path
+        self._notes, self._path, self._packing = notes, path, packing
         self._known: dict[Any, int] = {}
-        # Where positions of meshes are about, if these have large numbers.
-        self._origins: list[NDArray[np.float64] | None] = []
+        # What takes positions of meshes, as they are stored, to where they are.
+        self._frames: list[NDArray[np.float64]] = []
         self._extensions: set[str] = set()
+        self._required: set[str] = set()
+        # Bytes that compressed views have once they are decoded.
+        self._decoded = 0
 
     def row(self, table: str, fields: dict[str, Any], key: Any = None) -> int:
         """Add a row; one of the same key is there once."""
@@ -61,18 +66,51 @@ class Document:
         """Add numbers, (N,) or (N, K), rows of vertices at multiples of four bytes."""
         rows = np.ascontiguousarray(array).reshape(len(array), -1)
         width = rows.shape[1]
+        return self._accessor(self._view(rows, target), rows.dtype, len(rows), width, **fields)
+
+    def _view(self, rows: NDArray[Any], target: int, decoder: str | None = None) -> int:
         raw = rows.view(np.uint8).reshape(len(rows), -1)
         pad = -raw.shape[1] % 4 if target == 34962 else 0
         if pad:
             raw = np.concatenate([raw, np.zeros((len(raw), pad), np.uint8)], axis=1)
-            view = self.view(raw.tobytes(), target=target, byteStride=raw.shape[1])
-        else:
-            view = self.view(raw.tobytes(), target=target)
+        if target == 34962 and self._packing is not None and self._packing.extension:
+            return self._compressed(self._packing.rows(raw), raw.shape[1], len(raw), decoder, target)
+        return self.view(raw.tobytes(), target=target, **({"byteStride": raw.shape[1]} if pad else {}))
+
+    def _compressed(
+        self, data: bytes, stride: int, count: int, decoder: str | None, target: int, mode: str = "ATTRIBUTES"
+    ) -> int:
+        """Add bytes of a codec."""
+        name = str(self._packing and self._packing.extension)
+        self._required.add(name)
+        self.body += bytes(-len(self.body) % 4)
+        self._decoded += -self._decoded % 4
+        fields: dict[str, Any] = {
+            "buffer": 0,
+            "byteOffset": len(self.body),
+            "byteLength": len(data),
+            "byteStride": stride,
+            "count": count,
+            "mode": mode,
+        }
+        self.body += data
+        view = {
+            "buffer": 1,
+            "byteOffset": self._decoded,
+            "byteLength": stride * count,
+            **({"byteStride": stride} if target == 34962 else {}),
+            "target": target,
+            "extensions": self.extension(name, fields | ({"filter": decoder} if decoder else {})),
+        }
+        self._decoded += stride * count
+        return self.row("bufferViews", view)
+
+    def _accessor(self, view: int, dtype: np.dtype[Any], count: int, width: int, **fields: Any) -> int:
         kinds = {"i1": 5120, "u1": 5121, "i2": 5122, "u2": 5123, "u4": 5125, "f4": 5126}
         fields |= {
             "bufferView": view,
-            "componentType": kinds[rows.dtype.str[1:]],
-            "count": len(rows),
+            "componentType": kinds[dtype.str[1:]],
+            "count": count,
             "type": {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}[width],
         }
         return self.row("accessors", fields)
@@ -84,26 +122,59 @@ class Document:
 
     # ------------------------------------------------------------------------------- meshes and nodes
 
-    def mesh(self, surface: Surface) -> int:
-        """Add a surface; return its number."""
-        vertices, origin = near(surface.vertices)
-        extra, colors = _channels(surface, self._notes), surface.fine_colors
+    def mesh(self, surface: Surface, grid: Grid | None = None) -> int:
+        """Add a surface; return its number. Its positions are rounded to a grid where one is given."""
+        if grid is None and self._packing is not None:
+            grid = Grid.around(surface.vertices)
+        positions: NDArray[Any]
+        if grid is None:
+            positions, frame = near(surface.vertices)
+        elif self._packing is None:
+            # As float32 has them without another rounding.
+            positions = (grid.steps(surface.vertices) * grid.step).astype(np.float32)
+            frame = translation(grid.origin)
+        else:
+            positions, frame = grid.steps(surface.vertices).astype(np.int16), grid.frame
+        extra = _channels(surface, self._notes)
         primitives = []
         for piece in pieces(surface):
-            attributes = self._positions(vertices[piece.used])
-            if piece.material.smooth:  # without normals faces are flat
-                attributes["NORMAL"] = self.accessor(surface.normals[piece.used])
-            if colors is not None:
-                attributes["COLOR_0"] = self._colors(colors[piece.used])
-            for number, uv in enumerate(surface.uvs):
-                upright = uv[piece.used].astype(np.float64) * (1.0, -1.0) + (0.0, 1.0)
-                attributes[f"TEXCOORD_{number}"] = self.accessor(upright.astype(np.float32))
-            for name, values in extra.items():
-                attributes[name] = self.accessor(values[piece.used])
-            indices = self._indices(piece.faces, len(piece.used))
+            used, faces = piece.used, piece.faces
+            if self._packing is not None:
+                faces, order = _core.vertex_order(np.ascontiguousarray(faces), len(used))
+                used = used[order]
+            attributes = self._attributes(surface, piece.material.smooth, used, positions, extra)
+            indices = self._indices(faces, len(used))
             material = self.material(piece.material, piece.label)
             primitives.append({"attributes": attributes, "indices": indices, "material": material})
-        return self._mesh(primitives, origin)
+        return self._mesh(primitives, frame)
+
+    def _attributes(
+        self,
+        surface: Surface,
+        smooth: bool,
+        used: NDArray[np.integer[Any]],
+        positions: NDArray[Any],
+        extra: dict[str, NDArray[Any]],
+    ) -> dict[str, int]:
+        """Add what vertices carry."""
+        packing, colors = self._packing, surface.fine_colors
+        attributes = self._positions(positions[used])
+        if smooth and packing is None:  # without normals faces are flat
+            attributes["NORMAL"] = self.accessor(surface.normals[used])
+        elif smooth and packing is not None:
+            rows, decoder = packing.normals(surface.normals[used])
+            view = self._view(np.ascontiguousarray(rows), 34962, decoder)
+            attributes["NORMAL"] = self._accessor(view, rows.dtype, len(rows), 3, normalized=True)
+        if colors is not None:
+            attributes["COLOR_0"] = self._colors(colors[used])
+        for number, uv in enumerate(surface.uvs):
+            upright = (uv[used].astype(np.float64) * (1.0, -1.0) + (0.0, 1.0)).astype(np.float32)
+            rows = upright if packing is None else texture_coordinates(upright)
+            whole = {"normalized": True} if rows.dtype.kind == "u" else {}
+            attributes[f"TEXCOORD_{number}"] = self.accessor(rows, **whole)
+        for name, values in extra.items():
+            attributes[name] = self.accessor(values[used])
+        return attributes
 
     def strokes(
         self,
@@ -113,7 +184,7 @@ class Document:
         look: Material,
     ) -> int:
         """Add points, or lines; return their number."""
-        vertices, origin = near(positions)
+        vertices, frame = near(positions)
         attributes = self._positions(vertices)
         if colors is not None:
             attributes["COLOR_0"] = self._colors(colors)
@@ -121,21 +192,21 @@ class Document:
         if segments is not None:
             primitive["indices"] = self._indices(segments, len(positions))
         primitive["material"] = self.material(look, look.name or "strokes")
-        return self._mesh([primitive], origin)
+        return self._mesh([primitive], frame)
 
-    def _mesh(self, primitives: list[dict[str, Any]], origin: NDArray[np.float64] | None) -> int:
-        self._origins.append(origin)
+    def _mesh(self, primitives: list[dict[str, Any]], frame: NDArray[np.float64]) -> int:
+        self._frames.append(frame)
         return self.row("meshes", {"primitives": primitives})
 
     def place(self, number: int, pose: NDArray[np.float64], name: str = "") -> None:
         """Add a node of a mesh."""
-        fields = {"mesh": number, **_placed(moved(pose, self._origins[number]))}
+        fields = {"mesh": number, **_placed(pose @ self._frames[number])}
         self._node(fields | ({"name": name} if name else {}))
 
     def place_levels(self, numbers: Sequence[int], extras: Sequence[dict[str, Any]]) -> None:
         """Add a node of levels of detail, finest first, each with extras."""
         first, *coarser = (
-            {"mesh": number, **_placed(moved(np.eye(4), self._origins[number])), "extras": own}
+            {"mesh": number, **_placed(self._frames[number]), "extras": own}
             for number, own in zip(numbers, extras, strict=True)
         )
         self._node(first)
@@ -154,14 +225,22 @@ class Document:
         scene = self.json.setdefault("scenes", [{"nodes": []}])[0]
         scene["nodes"].append(self.row("nodes", fields))
 
-    def _positions(self, rows: NDArray[np.float32]) -> dict[str, int]:
+    def _positions(self, rows: NDArray[Any]) -> dict[str, int]:
+        if rows.dtype.kind == "i":
+            self.extension("KHR_mesh_quantization", {})
+            self._required.add("KHR_mesh_quantization")
         return {"POSITION": self.accessor(rows, min=rows.min(axis=0).tolist(), max=rows.max(axis=0).tolist())}
 
     def _colors(self, rows: NDArray[Any]) -> int:
         return self.accessor(rows, **({"normalized": True} if rows.dtype.kind == "u" else {}))
 
     def _indices(self, rows: NDArray[Any], count: int) -> int:
-        return self.accessor(rows.reshape(-1).astype(np.uint16 if count < 65535 else np.uint32), target=34963)
+        target, flat = 34963, rows.reshape(-1).astype(np.uint16 if count < 65535 else np.uint32)
+        if self._packing is None or not self._packing.extension or rows.shape[1] != 3:
+            return self.accessor(flat, target=target)
+        data = _core.pack_faces(np.ascontiguousarray(rows), count)
+        view = self._compressed(data, flat.itemsize, len(flat), None, target, "TRIANGLES")
+        return self._accessor(view, flat.dtype, len(flat), 1)
 
     # ---------------------------------------------------------------------------------------- looks
 
@@ -243,7 +322,12 @@ class Document:
         """Return the JSON, with the buffer that it refers to."""
         if self._extensions:
             self.json["extensionsUsed"] = sorted(self._extensions)
+        if self._required:
+            self.json["extensionsRequired"] = sorted(self._required)
         self.json["buffers"] = [{"byteLength": len(self.body), **buffer}]
+        if self._decoded:
+            fallback = self.extension(str(self._packing and self._packing.extension), {"fallback": True})
+            self.json["buffers"].append({"byteLength": self._decoded, "extensions": fallback})
         return json.dumps(self.json, separators=(",", ":"), allow_nan=False).encode()
 
 

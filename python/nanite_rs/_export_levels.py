@@ -11,6 +11,7 @@ import numpy as np
 
 from nanite_rs import _checks, _export, _export_gltf
 from nanite_rs._asset import Notes
+from nanite_rs._export_packing import Grid, Packing
 from nanite_rs._export_textures import fitted
 from nanite_rs.exceptions import ArgumentError, DtypeError
 
@@ -35,9 +36,11 @@ def export(
     separate: bool,
     pixel_error: float,
     fit_textures: bool,
+    compression: object,
 ) -> list[str]:
     """Write cuts; return the paths of the files."""
     ending = _export.ending_of(path)
+    packing = Packing.of(compression, ending)
     cuts = _cuts(mesh, levels, errors)
     if not pixel_error > 0.0:
         raise ArgumentError(f"pixel_error: must be positive, not {pixel_error}")
@@ -52,13 +55,17 @@ def export(
             raise ArgumentError(f"export: .{ending} files hold one level; give separate=True")
         names = [path] if len(cuts) == 1 else [_name(path, k) for k in range(len(cuts))]
         for name, surface in zip(names, surfaces, strict=True):
-            _export.write(_export.files_of(surface, name, notes))
+            _export.write(_export.files_of(surface, name, notes, packing))
         notes.warn(path)
         return names
-    document = _export_gltf.Document(notes, path)
-    extras: list[dict[str, Any]] = [{"error": cut.error, "triangles": len(cut)} for cut in cuts]
+    document = _export_gltf.Document(notes, path, packing)
+    moved = 0.0 if packing is None else max(Grid.around(cut.vertices).moved for cut in cuts)
+    bounds = [float(np.nextafter(cut.error + moved, np.inf)) if moved else cut.error for cut in cuts]
+    extras: list[dict[str, Any]] = [
+        {"error": bound, "triangles": len(cut)} for bound, cut in zip(bounds, cuts, strict=True)
+    ]
     radius = 0.5 * float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
-    extras[0]["MSFT_screencoverage"] = coverages([cut.error for cut in cuts], radius, pixel_error)
+    extras[0]["MSFT_screencoverage"] = coverages(bounds, radius, pixel_error)
     document.place_levels([document.mesh(surface) for surface in surfaces], extras)
     _export.write(document.files())
     notes.warn(path)

@@ -167,21 +167,18 @@ def textures(material: Material) -> Iterator[tuple[str, Texture]]:
             yield slot, texture
 
 
-def near(
-    vertices: NDArray[np.floating[Any]],
-) -> tuple[NDArray[np.float32], NDArray[np.float64] | None]:
-    """Return positions as files have them, float32, about an origin that an instance has to have."""
+def near(vertices: NDArray[np.floating[Any]]) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+    """Return positions as files have them, float32, and the pose that takes them to where they are."""
     if vertices.dtype == np.float32:
-        return vertices.astype(np.float32, copy=False), None
+        return vertices.astype(np.float32, copy=False), np.eye(4)
     origin = (vertices.min(axis=0) + vertices.max(axis=0)) / 2.0
-    return (vertices - origin).astype(np.float32), origin
+    return (vertices - origin).astype(np.float32), translation(origin)
 
 
-def moved(pose: NDArray[np.float64], origin: NDArray[np.float64] | None) -> NDArray[np.float64]:
-    """Return the pose of an instance about such an origin."""
-    out = pose.copy()
-    if origin is not None:
-        out[:3, 3] += pose[:3, :3] @ origin
+def translation(origin: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the pose of what lies about an origin."""
+    out = np.eye(4)
+    out[:3, 3] = origin
     return out
 
 

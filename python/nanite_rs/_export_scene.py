@@ -9,6 +9,7 @@ import numpy as np
 
 from nanite_rs import _colors, _export
 from nanite_rs._asset import Asset, Notes, Part, Source
+from nanite_rs._export_packing import Packing
 from nanite_rs._export_parts import Arrays, Document
 from nanite_rs._flatten import flattened
 from nanite_rs.exceptions import ArgumentError
@@ -33,11 +34,14 @@ _SKEW: Final = 1e-6
 _DIGITS: Final = 1e-6
 
 
-def export(scene: Scene, path: str, error: float | None, reduction: float | None) -> None:
+def export(
+    scene: Scene, path: str, error: float | None, reduction: float | None, compression: object
+) -> None:
     """Write what is visible of a scene; what the format cannot hold is named in a warning."""
     if error is not None and reduction is not None:
         raise ArgumentError("export: expected error or target_reduction, found both")
     ending = _export.ending_of(path)
+    packing = Packing.of(compression, ending)
     shown = [node for node in scene.instances if node.visible]
     if not shown:
         raise ArgumentError("export: the scene shows no mesh")
@@ -45,7 +49,7 @@ def export(scene: Scene, path: str, error: float | None, reduction: float | None
     _unwritten(scene, notes)
     cuts = _Cuts(error, reduction)
     if ending in _export.DOCUMENTS:
-        document = _export.DOCUMENTS[ending](notes, path)
+        document = _export.DOCUMENTS[ending](notes, path, packing)
         _fill(document, scene, shown, cuts, notes)
         files = document.files()
     else:

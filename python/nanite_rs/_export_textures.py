@@ -27,15 +27,15 @@ QUALITY: Final = 92
 
 def fitted(surface: Surface, per_unit: float) -> Surface:
     """Return a surface whose images have a texel for each pixel, or up to four, where a unit has so many pixels."""
-    halvings: dict[int, tuple[Image, bool, int]] = {}
+    known: dict[int, tuple[Image, bool, int]] = {}
     for piece in pieces(surface):
         for slot, texture in textures(piece.material):
-            own = _halvings(surface, piece, texture, per_unit)
-            image, color, least = halvings.get(id(texture.image), (texture.image, slot in COLORS, own))
+            own = halvings(surface, piece, texture, per_unit)
+            image, color, least = known.get(id(texture.image), (texture.image, slot in COLORS, own))
             # Whoever needs most decides.
-            halvings[id(image)] = image, color, min(least, own)
+            known[id(image)] = image, color, min(least, own)
     smaller = {
-        key: halved(image, times, color) for key, (image, color, times) in halvings.items() if times > 0
+        key: halved(image, times, color) for key, (image, color, times) in known.items() if times > 0
     }
     if not smaller:
         return surface
@@ -52,7 +52,7 @@ def _with(look: Material, images: dict[int, Image]) -> Material:
     return replace(look, **own)
 
 
-def _halvings(surface: Surface, piece: Piece, texture: Texture, per_unit: float) -> int:
+def halvings(surface: Surface, piece: Piece, texture: Texture, per_unit: float) -> int:
     """Return how often an image can be halved."""
     if texture.uv_set >= len(surface.uvs):
         return 0
@@ -76,8 +76,11 @@ def halved(image: Image, times: int, color: bool) -> Image:
     """Return an image of which each side was halved so often; colours are averaged in linear light."""
     width, height = image.size
     size = max(width >> times, 1), max(height >> times, 1)
-    pixels = _averaged(image.pixels, size, color)
-    file = image.encoded()
+    return stored(_averaged(image.pixels, size, color), image.encoded())
+
+
+def stored(pixels: NDArray[Any], file: bytes | None) -> Image:
+    """Return an image of what was made of another one: a JPEG where that was one."""
     if file is None or not file.startswith(JPEG) or pixels.dtype != np.uint8 or pixels.shape[2] not in (1, 3):
         return Image(pixels)
     from PIL import Image as Pillow

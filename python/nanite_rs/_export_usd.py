@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from nanite_rs import _advice, _colors
-from nanite_rs._export_parts import COLORS, image_file, image_key, moved, near, pieces, textures
+from nanite_rs._export_parts import COLORS, image_file, image_key, near, pieces, textures
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -36,7 +36,7 @@ _SLOTS: Final = {
 class Document:
     """A stage with a class for each mesh, and instances of them."""
 
-    def __init__(self, notes: Notes, path: str) -> None:
+    def __init__(self, notes: Notes, path: str, packing: None = None) -> None:  # noqa: ARG002
         try:
             from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade, Vt
         except ImportError as error:
@@ -57,15 +57,15 @@ class Document:
         # Images by their names beside the file.
         self._images: dict[str, bytes] = {}
         self._names: dict[tuple[int, bool], str] = {}
-        # Where positions of meshes are about, if these have large numbers.
-        self._origins: list[NDArray[np.float64] | None] = []
+        # What takes positions of meshes, as they are stored, to where they are.
+        self._frames: list[NDArray[np.float64]] = []
 
     # ----------------------------------------------------------------------------------- meshes and nodes
 
     def mesh(self, surface: Surface) -> int:
         """Add a surface; return its number."""
-        vertices, origin = near(surface.vertices)
-        number, root = self._class(origin)
+        vertices, frame = near(surface.vertices)
+        number, root = self._class(frame)
         for k, piece in enumerate(pieces(surface)):
             self._piece(f"{root}/piece_{k}", f"{root}/material_{k}", vertices, surface, piece)
         return number
@@ -78,8 +78,8 @@ class Document:
         look: Material,
     ) -> int:
         """Add points, or lines; return their number."""
-        rows, origin = near(positions)
-        number, root = self._class(origin)
+        rows, frame = near(positions)
+        number, root = self._class(frame)
         path, geom = f"{root}/strokes", self._geom
         if segments is None:
             shape = geom.Points.Define(self._stage, path)
@@ -101,10 +101,10 @@ class Document:
         shown.Set(self._vectors(painted))
         return number
 
-    def _class(self, origin: NDArray[np.float64] | None) -> tuple[int, str]:
+    def _class(self, frame: NDArray[np.float64]) -> tuple[int, str]:
         """Begin what has instances; return its number and its path."""
-        number = len(self._origins)
-        self._origins.append(origin)
+        number = len(self._frames)
+        self._frames.append(frame)
         path = f"/mesh_{number}"
         self._stage.CreateClassPrim(path)
         return number, path
@@ -114,7 +114,7 @@ class Document:
         node = self._geom.Xform.Define(self._stage, f"/scene/{name or 'surface'}")
         node.GetPrim().GetReferences().AddInternalReference(f"/mesh_{number}")
         node.GetPrim().SetInstanceable(True)
-        pose = moved(pose, self._origins[number])
+        pose = pose @ self._frames[number]
         if not np.array_equal(pose, np.eye(4)):
             # Rows are images of axes: vectors stand on the left.
             node.AddTransformOp().Set(self._gf.Matrix4d(*pose.T.reshape(-1).tolist()))

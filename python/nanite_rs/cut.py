@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from nanite_rs import _core
+    from nanite_rs._export_packing import Compression
     from nanite_rs.material import Material
 
 __all__ = ["Cut"]
@@ -205,7 +206,7 @@ class Cut(_advice.Teaching):
         """
         return _trimesh.made(self, process=process)
 
-    def export(self, path: io.PathLike) -> None:
+    def export(self, path: io.PathLike, *, compression: Compression | None = None) -> None:
         """Write a file that other programs read, in the format of its ending.
 
         ``.glb`` and ``.gltf`` (with a ``.bin`` beside it) hold everything: normals, colours, all UV sets,
@@ -220,9 +221,16 @@ class Cut(_advice.Teaching):
         ----------
         path : path
             The file. It is replaced in one step or not at all.
+        compression : {None, "quantized", "meshopt", "meshopt-khr"}
+            How glTF is made smaller. "quantized" has positions as steps of 1/65,532 of the size of the surface, normals
+            of 8 bits and UVs between 0 and 1 of 16 bits (``KHR_mesh_quantization``). "meshopt" encodes all that
+            by meshoptimizer's codecs (``EXT_meshopt_compression``); "meshopt-khr" by their successors, which few
+            readers know yet (``KHR_meshopt_compression``). Faces and vertices have another order then.
 
         Raises
         ------
+        ArgumentError
+            ``compression`` is unknown, or the format has none.
         FormatError
             The ending is unknown.
         FileError
@@ -238,7 +246,7 @@ class Cut(_advice.Teaching):
         >>> nrs.NaniteMesh.from_file("ball.glb").materials == (clay,)
         True
         """
-        _export.export(self, _checks.path_of(path))
+        _export.export(self, _checks.path_of(path), compression)
 
     def to_pyvista(self) -> Any:
         """Convert to a `pyvista.PolyData` with normals, colours, the first UV set, channels and face data.

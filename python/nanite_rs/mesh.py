@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     import trimesh
     from numpy.typing import ArrayLike, NDArray
 
+    from nanite_rs._export_packing import Compression
     from nanite_rs.material import Look
     from nanite_rs.stats import TrafficStats
 
@@ -589,6 +590,7 @@ class NaniteMesh(Geometry):
         separate: bool = False,
         pixel_error: float = 1.0,
         fit_textures: bool | None = None,
+        compression: Compression | None = None,
     ) -> list[str]:
         """Write levels of detail for other programs: one glTF file with all of them, or a file for each.
 
@@ -616,6 +618,8 @@ class NaniteMesh(Geometry):
             Whether levels after the first have smaller images, halved as often as leaves a texel for each pixel
             where the level begins; colours are averaged in linear light, and what was JPEG is JPEG again. By
             default levels of one file share the images of the first, and those of separate files are fitted.
+        compression : {None, "quantized", "meshopt", "meshopt-khr"}
+            How glTF is made smaller, as for `Cut.export`. Errors in ``extras`` have what it moves vertices by.
 
         Returns
         -------
@@ -640,7 +644,10 @@ class NaniteMesh(Geometry):
         separate = _checks.truth(separate, "separate")
         pixel_error = _checks.number(pixel_error, "pixel_error")
         fit = separate if fit_textures is None else _checks.truth(fit_textures, "fit_textures")
-        return _export_levels.export(self, _checks.path_of(path), levels, errors, separate, pixel_error, fit)
+        path = _checks.path_of(path)
+        return _export_levels.export(
+            self, path, levels, errors, separate, pixel_error, fit, compression
+        )
 
     @staticmethod
     def file_info(

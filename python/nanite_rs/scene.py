@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from nanite_rs import io
+    from nanite_rs._export_packing import Compression
     from nanite_rs._checks import Color, Rgb
 
 __all__ = ["LightNode", "MeshNode", "Scene"]
@@ -510,7 +511,12 @@ class Scene(_advice.Teaching):
         return np.stack([joined.min(axis=0), joined.max(axis=0)])
 
     def export(
-        self, path: io.PathLike, *, error: float | None = None, target_reduction: float | None = None
+        self,
+        path: io.PathLike,
+        *,
+        error: float | None = None,
+        target_reduction: float | None = None,
+        compression: Compression | None = None,
     ) -> None:
         """Write what is visible as a file that other programs read, in the format of its ending.
 
@@ -529,6 +535,8 @@ class Scene(_advice.Teaching):
             its instances are scaled. By default meshes have all their detail.
         target_reduction : float, optional
             The part of the faces of each mesh that is left out, 0 to 1, instead.
+        compression : {None, "quantized", "meshopt", "meshopt-khr"}
+            How glTF is made smaller, as for `Cut.export`.
 
         Raises
         ------
@@ -539,7 +547,7 @@ class Scene(_advice.Teaching):
         DependencyError
             An optional package is missing.
         ArgumentError
-            Nothing is visible, or both a distance and a part are given.
+            Nothing is visible, ``compression`` is unknown, or both a distance and a part are given.
 
         Examples
         --------
@@ -553,7 +561,7 @@ class Scene(_advice.Teaching):
         >>> len(nrs.load_scene("balls.glb").scene)
         3
         """
-        _export_scene.export(self, _checks.path_of(path), error, target_reduction)
+        _export_scene.export(self, _checks.path_of(path), error, target_reduction, compression)
 
     @property
     def ambient_light(self) -> Rgb:

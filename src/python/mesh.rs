@@ -632,8 +632,7 @@ pub(super) fn decimate<'py>(
     })?;
     let (Decimated { arrays, materials, channels, layout, .. }, positions) = made;
     let ids: Arc<[u32]> = if channels.is_empty() { Arc::default() } else { arrays.ids[..].into() };
-    let rows =
-        |channel: Channel| Py::new(py, ChannelRows { channel, ids: Arc::clone(&ids), made: Arc::default() });
+    let rows = |channel: Channel| Py::new(py, ChannelRows::of(&channel, &ids));
     let runs = materials.len();
     CutParts {
         positions,
@@ -713,6 +712,13 @@ pub struct ChannelRows {
     ids: Arc<[u32]>,
     /// The rows of vertices that the cut alone has.
     made: Arc<[u32]>,
+}
+
+impl ChannelRows {
+    /// The rows of identities of a mesh.
+    pub(super) fn of(channel: &Channel, ids: &Arc<[u32]>) -> Self {
+        Self { channel: channel.clone(), ids: Arc::clone(ids), made: Arc::default() }
+    }
 }
 
 #[pymethods]

@@ -8,11 +8,13 @@ mod errors;
 mod image;
 mod measure;
 mod mesh;
+mod packing;
 mod read;
 mod remote;
 mod renderer;
 mod scene;
 mod tables;
+mod tile;
 mod triangle_mesh;
 
 use pyo3::exceptions::PyImportError;
@@ -60,6 +62,12 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(read::read_off, module)?)?;
     module.add_function(wrap_pyfunction!(read::triangulate, module)?)?;
     module.add_function(wrap_pyfunction!(read::strips, module)?)?;
+    module.add_class::<tile::Tiles>()?;
+    module.add_class::<tile::Piece>()?;
+    module.add_function(wrap_pyfunction!(packing::vertex_order, module)?)?;
+    module.add_function(wrap_pyfunction!(packing::pack_vertices, module)?)?;
+    module.add_function(wrap_pyfunction!(packing::pack_faces, module)?)?;
+    module.add_function(wrap_pyfunction!(packing::pack_directions, module)?)?;
     module.add_class::<remote::Traffic>()?;
     module.add_class::<remote::Input>()?;
     module.add_class::<remote::Answers>()?;

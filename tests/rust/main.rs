@@ -36,5 +36,6 @@ mod shapes;
 mod stage_truth;
 mod stored_materials;
 mod streaming;
+mod tiles;
 #[cfg(feature = "gpu")]
 mod traversal;
