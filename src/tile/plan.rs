@@ -79,6 +79,8 @@ struct Halved {
     halves: Option<(usize, f32, [usize; 2])>,
     /// The tile that stands there on the level before.
     tile: Option<u32>,
+    /// What stood there when the box around it was halved.
+    before: Option<u32>,
 }
 
 /// What is kept of a cluster.
@@ -113,11 +115,11 @@ pub fn plan(dag: &Dag, layout: &Layout, proceed: InterruptCheck<'_>) -> Result<P
         }
         Layout::Grid { bounds, levels } => (levels.iter().map(|level| level.0).collect(), *bounds),
     };
-    let root = Halved { bounds, depth: 0, halves: None, tile: None };
+    let root = Halved { bounds, depth: 0, halves: None, tile: None, before: None };
     let mut grown = Growing { dag, entries: &entries, layout, tiles: Vec::new(), boxes: vec![root] };
     for (level, error) in levels.iter().enumerate() {
         let drawn = (0..entries.len()).filter(|i| entries[*i].is_drawn(*error)).collect();
-        grown.descend(0, drawn, level as u32, None);
+        grown.descend(0, drawn, level as u32);
     }
     let Growing { tiles, boxes, .. } = grown;
     Ok(Plan { levels, tiles, boxes })
@@ -190,15 +192,14 @@ struct Growing<'a> {
 
 impl Growing<'_> {
     /// Puts the clusters of a level that reach into a box into tiles.
-    fn descend(&mut self, number: usize, inside: Vec<usize>, level: u32, parent: Option<u32>) {
-        let parent = self.boxes[number].tile.or(parent);
+    fn descend(&mut self, number: usize, inside: Vec<usize>, level: u32) {
         if self.boxes[number].halves.is_none() {
             // Where nothing was it stays so; what becomes nothing is replaced by it.
             if inside.is_empty() && self.boxes[number].tile.is_none() || self.stands(number, &inside) {
                 return;
             }
             if !self.halve(number, &inside, level) {
-                let tile = self.tile(number, &inside, level, parent);
+                let tile = self.tile(number, &inside, level);
                 self.boxes[number].tile = Some(self.tiles.len() as u32);
                 self.tiles.push(tile);
                 return;
@@ -209,7 +210,7 @@ impl Growing<'_> {
             for half in halves {
                 let bounds = self.boxes[half].bounds;
                 let of_half = inside.iter().copied().filter(|i| self.entries[*i].overlaps(&bounds)).collect();
-                self.descend(half, of_half, level, parent);
+                self.descend(half, of_half, level);
             }
         }
     }
@@ -255,19 +256,25 @@ impl Growing<'_> {
         }
         let (mut below, mut above) = (bounds, bounds);
         (below.max[axis], above.min[axis]) = (middle, middle);
+        let before = self.replaced_in(number);
         let first = self.boxes.len();
         for bounds in [below, above] {
-            self.boxes.push(Halved { bounds, depth: depth + 1, halves: None, tile: None });
+            self.boxes.push(Halved { bounds, depth: depth + 1, halves: None, tile: None, before });
         }
         self.boxes[number].halves = Some((axis, middle, [first, first + 1]));
         true
     }
 
-    fn tile(&self, number: usize, inside: &[usize], level: u32, parent: Option<u32>) -> Tile {
+    /// The tile that what comes into a box replaces.
+    fn replaced_in(&self, number: usize) -> Option<u32> {
+        self.boxes[number].tile.or(self.boxes[number].before)
+    }
+
+    fn tile(&self, number: usize, inside: &[usize], level: u32) -> Tile {
         let made = || inside.iter().filter_map(|i| self.dag.groups.get(self.entries[*i].refined as usize));
         Tile {
             level,
-            parent,
+            parent: self.replaced_in(number),
             bounds: self.boxes[number].bounds,
             error: made().map(|group| group.distance()).fold(0.0, f32::max),
             attribute_error: made().map(|group| group.attribute_error).fold(0.0, f32::max),
