@@ -8,7 +8,7 @@ from typing import Any
 
 from nanite_rs._notebook import pairs, table
 
-__all__ = ["BuildReport", "CheckReport", "LevelReport", "StuckGroup"]
+__all__ = ["BuildReport", "CheckReport", "LevelReport", "StuckGroup", "TilesReport"]
 
 
 _LEVELS = """\
@@ -187,3 +187,21 @@ class CheckReport:
 
     def _repr_html_(self) -> str:
         return pairs([(name, f"{count:,}") for name, count in vars(self).items()])
+
+
+@dataclass(frozen=True)
+class TilesReport:
+    """What `NaniteMesh.to_3dtiles` or `Scene.to_3dtiles` wrote."""
+
+    path: str
+    """The ``tileset.json`` that viewers open."""
+    tiles: int
+    """Tiles that show something."""
+    levels: int
+    """Levels of detail."""
+    triangles: int
+    """Triangles of all tiles, without those of skirts."""
+    bytes: int
+    """Bytes of all contents."""
+    median_bytes: int
+    """Bytes of a content in the median."""
