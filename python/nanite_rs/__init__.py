@@ -50,7 +50,7 @@ from nanite_rs.material import Material
 from nanite_rs.mesh import NaniteMesh
 from nanite_rs.options import BuildOptions
 from nanite_rs.renderer import Calibration, Renderer, StreamWarning, TextureWarning, View
-from nanite_rs.report import BuildReport, CheckReport, LevelReport, StuckGroup
+from nanite_rs.report import BuildReport, CheckReport, LevelReport, StuckGroup, TilesReport
 from nanite_rs.scene import LightNode, MeshNode, Scene
 from nanite_rs.skinned_mesh import SkinnedMesh
 from nanite_rs.stats import FrameStats, ShadowCascade, ShadowStats, StageStats, StreamStats, TrafficStats
@@ -120,6 +120,7 @@ __all__ = [
     "StuckGroup",
     "Texture",
     "TextureWarning",
+    "TilesReport",
     "TrafficStats",
     "TriangleMesh",
     "UsageWarning",

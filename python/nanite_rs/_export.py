@@ -37,9 +37,7 @@ def export(surface: Surface, path: str, compression: object = None) -> None:
     notes.warn(path)
 
 
-def files_of(
-    surface: Surface, path: str, notes: Notes, packing: Packing | None = None
-) -> dict[str, bytes]:
+def files_of(surface: Surface, path: str, notes: Notes, packing: Packing | None = None) -> dict[str, bytes]:
     """Return the files of a surface by their paths."""
     ending = ending_of(path)
     if ending in DOCUMENTS:

@@ -140,8 +140,8 @@ class Document:
         for piece in pieces(surface):
             used, faces = piece.used, piece.faces
             if self._packing is not None:
-                faces, order = _core.vertex_order(np.ascontiguousarray(faces), len(used))
-                used = used[order]
+                ordered, order = _core.vertex_order(np.ascontiguousarray(faces), len(used))
+                faces, used = ordered.astype(np.int64), used[order]
             attributes = self._attributes(surface, piece.material.smooth, used, positions, extra)
             indices = self._indices(faces, len(used))
             material = self.material(piece.material, piece.label)

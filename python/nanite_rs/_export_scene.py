@@ -46,7 +46,7 @@ def export(
     if not shown:
         raise ArgumentError("export: the scene shows no mesh")
     notes = Notes()
-    _unwritten(scene, notes)
+    unwritten(scene, notes)
     cuts = _Cuts(error, reduction)
     if ending in _export.DOCUMENTS:
         document = _export.DOCUMENTS[ending](notes, path, packing)
@@ -60,7 +60,7 @@ def export(
     notes.warn(path)
 
 
-def _unwritten(scene: Scene, notes: Notes) -> None:
+def unwritten(scene: Scene, notes: Notes) -> None:
     """Note what no format has."""
     if any(scene.ambient_light):
         notes.add("ambient light")

@@ -34,9 +34,7 @@ def fitted(surface: Surface, per_unit: float) -> Surface:
             image, color, least = known.get(id(texture.image), (texture.image, slot in COLORS, own))
             # Whoever needs most decides.
             known[id(image)] = image, color, min(least, own)
-    smaller = {
-        key: halved(image, times, color) for key, (image, color, times) in known.items() if times > 0
-    }
+    smaller = {key: halved(image, times, color) for key, (image, color, times) in known.items() if times > 0}
     if not smaller:
         return surface
     looks = [_with(look, smaller) for look in surface.materials]

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from nanite_rs._asset import Notes
+    from nanite_rs._export_packing import Packing
     from nanite_rs._export_parts import Piece, Surface
     from nanite_rs.light import Light
     from nanite_rs.material import Material
@@ -36,7 +37,7 @@ _SLOTS: Final = {
 class Document:
     """A stage with a class for each mesh, and instances of them."""
 
-    def __init__(self, notes: Notes, path: str, packing: None = None) -> None:  # noqa: ARG002
+    def __init__(self, notes: Notes, path: str, packing: Packing | None = None) -> None:  # noqa: ARG002
         try:
             from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade, Vt
         except ImportError as error:

@@ -32,6 +32,7 @@ from nanite_rs import (
     io,
     shapes,
 )
+from nanite_rs._export_packing import Compression
 from nanite_rs._preview import BACKGROUND, CLAY, UP, picture
 from nanite_rs.exceptions import ArgumentError, NaniteError
 from nanite_rs.frame import ViewName
@@ -279,6 +280,28 @@ def _cut(arguments: argparse.Namespace) -> int:
     cut.export(output)
     if not arguments.quiet:
         print(f"{output}: {cut} of {len(mesh):,} faces, in {_text.seconds(seconds)}")
+    return 0
+
+
+def _tiles(arguments: argparse.Namespace) -> int:
+    folder = arguments.output or f"{_stem(arguments.input)}_tiles"
+    chosen: dict[str, Any] = {
+        "triangles": arguments.triangles,
+        "compression": None if arguments.compression == "none" else arguments.compression,
+        "skirts": not arguments.no_skirts,
+        "pixel_error": arguments.pixel_error,
+        "up": arguments.up,
+        "crs": arguments.crs,
+        "overwrite": arguments.overwrite,
+    }
+    mesh = _mesh(arguments)
+    progress = False if arguments.quiet else None
+    report, seconds = _timed(lambda: mesh.to_3dtiles(folder, progress=progress, **chosen))
+    if not arguments.quiet:
+        print(
+            f"{report.path}: {report.tiles:,} tiles of {report.levels} levels, {_text.megabytes(report.bytes)}, "
+            f"{report.median_bytes / 1000:,.0f} kB in the median, in {_text.seconds(seconds)}"
+        )
     return 0
 
 
@@ -657,6 +680,24 @@ def _add_cut(commands: Any) -> None:
     _add_building(sub)
 
 
+def _add_tiles(commands: Any) -> None:
+    text = "Write a mesh as 3D Tiles, which web viewers stream; geometricError is a proven bound."
+    sub = _command(commands, "tiles", _tiles, text, "nanite-rs tiles scan.nanite -o tiles --crs EPSG:32632")
+    sub.add_argument("input", metavar="INPUT", help=INPUT_HELP)
+    sub.add_argument("--output", "-o", metavar="FOLDER", help="folder or URL (INPUT's name and _tiles)")
+    sub.add_argument("--triangles", type=int, default=30_000, metavar="N", help="of a tile, about (30000)")
+    names = [*get_args(Compression), "none"]
+    sub.add_argument("--compression", choices=names, default="meshopt", help="of contents (meshopt)")
+    sub.add_argument("--no-skirts", action="store_true", help="no strips along the planes between tiles")
+    sub.add_argument(
+        "--pixel-error", type=float, default=16.0, metavar="P", help="that viewers allow: for images (16)"
+    )
+    sub.add_argument("--up", choices=("y", "z"), help="the axis of the mesh that points up (z)")
+    sub.add_argument("--crs", metavar="NAME", help="coordinate reference system of the mesh: EPSG:32632")
+    sub.add_argument("--overwrite", action="store_true", help="replace a tileset that is there")
+    _add_building(sub)
+
+
 def _add_render(commands: Any) -> None:
     text = "Render a mesh into a PNG, or its linear colour, depth, normals and ids into an EXR."
     example = "nanite-rs render dragon.nanite -o levels.png --view levels --azimuth 200"
@@ -732,7 +773,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"nanite-rs {nrs.__version__}")
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
-    for add in (_add_build, _add_info, _add_cut, _add_render, _add_view, _add_demo):
+    for add in (_add_build, _add_info, _add_cut, _add_tiles, _add_render, _add_view, _add_demo):
         add(commands)
     return parser
 

@@ -222,8 +222,8 @@ class Cut(_advice.Teaching):
         path : path
             The file. It is replaced in one step or not at all.
         compression : {None, "quantized", "meshopt", "meshopt-khr"}
-            How glTF is made smaller. "quantized" has positions as steps of 1/65,532 of the size of the surface, normals
-            of 8 bits and UVs between 0 and 1 of 16 bits (``KHR_mesh_quantization``). "meshopt" encodes all that
+            How glTF is made smaller. "quantized" has positions as steps of 1/65,532 of the size of the surface,
+            normals of 8 bits and UVs between 0 and 1 of 16 bits (``KHR_mesh_quantization``). "meshopt" encodes that
             by meshoptimizer's codecs (``EXT_meshopt_compression``); "meshopt-khr" by their successors, which few
             readers know yet (``KHR_meshopt_compression``). Faces and vertices have another order then.
 

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 
     from nanite_rs._export_packing import Compression
     from nanite_rs.material import Look
+    from nanite_rs.report import TilesReport
     from nanite_rs.stats import TrafficStats
 
 __all__ = ["NaniteMesh"]
@@ -645,8 +646,94 @@ class NaniteMesh(Geometry):
         pixel_error = _checks.number(pixel_error, "pixel_error")
         fit = separate if fit_textures is None else _checks.truth(fit_textures, "fit_textures")
         path = _checks.path_of(path)
-        return _export_levels.export(
-            self, path, levels, errors, separate, pixel_error, fit, compression
+        return _export_levels.export(self, path, levels, errors, separate, pixel_error, fit, compression)
+
+    def to_3dtiles(
+        self,
+        folder: io.PathLike,
+        *,
+        triangles: int = 30_000,
+        compression: Compression | None = "meshopt",
+        skirts: bool = True,
+        pixel_error: float = 16.0,
+        up: Literal["y", "z"] | None = None,
+        crs: Any = None,
+        transform: ArrayLike | None = None,
+        workers: int | None = None,
+        overwrite: bool = False,
+        storage_options: Mapping[str, Any] | None = None,
+        progress: Progress = None,
+    ) -> TilesReport:
+        """Write 3D Tiles 1.1: a tree of GLB files that CesiumJS, three.js and others stream.
+
+        Each level is a cut for one error, which is clipped at the planes of boxes; boxes are halved until a
+        tile has about as many triangles as asked for, so that there are more of them where there is more
+        detail. Tiles of a level have the same vertices where they meet. ``geometricError`` is a proven bound:
+        no point of a tile is farther from the source, in units of the mesh, with what compression moves
+        vertices by. Tiles replace each other (``REPLACE``). Between levels, skirts hide what is left: strips
+        along the planes, against the normals, as long as the two bounds together; their length is among the
+        metadata of each tile, with its bounds and triangles.
+
+        Positions are float64: each tile has an origin of its own in ``transform``, and small numbers about it. An
+        opened file is read tile by tile, so that it may be larger than memory; the files do not depend on the
+        number of workers. ``tileset.json`` is written last.
+
+        Parameters
+        ----------
+        folder : path or URL
+            Where the files go; it is made if need be. A URL as for `save`.
+        triangles : int
+            Triangles of a tile, about, at most.
+        compression : {"meshopt", "quantized", "meshopt-khr", None}
+            As for `Cut.export`. Positions are rounded to one grid for each level.
+        skirts : bool
+            Whether tiles have skirts.
+        pixel_error : float
+            The screen-space error, in pixels, that a viewer allows: what CesiumJS calls
+            ``maximumScreenSpaceError``. Images are as fine as a tile can show until it is replaced.
+        up : {"z", "y"}, optional
+            Which axis of the mesh points up: z by default.
+        crs : optional
+            The coordinate reference system of the mesh, projected or geocentric, as pyproj knows it, such as
+            ``"EPSG:32632"``, with the extra ``geo``: vertices are taken to the globe one by one, bounding volumes
+            are regions, and errors metres, with what the map stretches.
+        transform : (4, 4) array, optional
+            Instead: where the tiles are, such as the pose of a local frame on the globe.
+        workers : int, optional
+            Threads; by default as many as `get_num_threads` says.
+        overwrite : bool
+            Replace a tileset that is there.
+        storage_options : mapping, optional
+            As for `save`.
+        progress : bool or callable, optional
+            As for `from_arrays`.
+
+        Returns
+        -------
+        TilesReport
+            The path of ``tileset.json``, and how much was written.
+
+        Raises
+        ------
+        ArgumentError, DtypeError
+            An argument is out of range, or ``crs`` is unknown or has angles.
+        FileError
+            A tileset is there already, or files cannot be written.
+        DependencyError
+            pyproj is missing.
+
+        Examples
+        --------
+        >>> mesh = nrs.NaniteMesh.from_arrays(*nrs.shapes.torus_knot(faces=30_000))
+        >>> report = mesh.to_3dtiles("knot", triangles=4_000)
+        >>> report.tiles > 8 and report.levels > 1
+        True
+        """
+        from nanite_rs import _export_tiles
+
+        how = _export_tiles.how(triangles, compression, skirts, pixel_error, workers)
+        return _export_tiles.export_mesh(
+            self, folder, how, up, crs, transform, storage_options, overwrite, progress
         )
 
     @staticmethod

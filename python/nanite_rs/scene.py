@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import copy
 import sys
-from typing import TYPE_CHECKING, Any, TypeAlias, overload
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, overload
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -24,12 +24,16 @@ from nanite_rs.strokes import Lines, Points
 from nanite_rs.triangle_mesh import TriangleMesh
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     import trimesh
     from numpy.typing import ArrayLike, NDArray
 
     from nanite_rs import io
-    from nanite_rs._export_packing import Compression
     from nanite_rs._checks import Color, Rgb
+    from nanite_rs._export_packing import Compression
+    from nanite_rs._progress import Progress
+    from nanite_rs.report import TilesReport
 
 __all__ = ["LightNode", "MeshNode", "Scene"]
 
@@ -562,6 +566,56 @@ class Scene(_advice.Teaching):
         3
         """
         _export_scene.export(self, _checks.path_of(path), error, target_reduction, compression)
+
+    def to_3dtiles(
+        self,
+        folder: io.PathLike,
+        *,
+        triangles: int = 30_000,
+        compression: Compression | None = "meshopt",
+        skirts: bool = True,
+        pixel_error: float = 16.0,
+        up: Literal["y", "z"] | None = None,
+        workers: int | None = None,
+        overwrite: bool = False,
+        storage_options: Mapping[str, Any] | None = None,
+        progress: Progress = None,
+    ) -> TilesReport:
+        """Write what is visible as 3D Tiles 1.1, as `NaniteMesh.to_3dtiles` does.
+
+        The contents of a mesh are written once; each instance is a tile with its pose that has them. Lights, points
+        and lines are left out, with a warning.
+
+        Parameters
+        ----------
+        folder : path or URL
+            Where the files go; it is made if need be.
+        triangles, compression, skirts, pixel_error, workers, overwrite, storage_options, progress
+            As for `NaniteMesh.to_3dtiles`.
+        up : {"y", "z"}, optional
+            Which axis of the world points up: y by default, as in glTF.
+
+        Returns
+        -------
+        TilesReport
+            The path of ``tileset.json``, and how much was written.
+
+        Raises
+        ------
+        ArgumentError, DtypeError, FileError
+            As for `NaniteMesh.to_3dtiles`; or the scene shows no mesh.
+
+        Examples
+        --------
+        >>> scene = nrs.Scene()
+        >>> node = scene.add(nrs.NaniteMesh.from_arrays(*nrs.shapes.icosphere(faces=20_000)))
+        >>> scene.to_3dtiles("balls").tiles
+        1
+        """
+        from nanite_rs import _export_tiles
+
+        how = _export_tiles.how(triangles, compression, skirts, pixel_error, workers)
+        return _export_tiles.export_scene(self, folder, how, up, storage_options, overwrite, progress)
 
     @property
     def ambient_light(self) -> Rgb:

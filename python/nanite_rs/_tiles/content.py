@@ -30,15 +30,23 @@ class Content:
     """Without skirts."""
     longest: float
     """The longest edge."""
+    rounding: float
+    """How far points that clipping made are from where they ought to be, in units of the mesh."""
     geodetic: NDArray[np.float64] | None
     """Longitudes and latitudes in radians, and heights, of its vertices, where the tiles are on the globe."""
 
 
-def content(piece: _core.Piece, materials: tuple[Material, ...], place: Place, skirt: float) -> Content | None:
+def content(
+    piece: _core.Piece,
+    materials: tuple[Material, ...],
+    place: Place,
+    origin: NDArray[np.float64],
+    skirt: float,
+) -> Content | None:
     """Return what a tile shows; nothing where it is empty.
 
     Skirts hang along the planes that it was clipped at: strips that leave its border against the normals, as long
-    as ``skirt``, and face away from the tile.
+    as ``skirt``, and face away from the tile. ``origin`` is what positions of the mesh are float32 about.
     """
     if not len(piece.faces):
         return None
@@ -63,8 +71,16 @@ def content(piece: _core.Piece, materials: tuple[Material, ...], place: Place, s
         surface=surface,
         triangles=len(piece.faces),
         longest=float(edges.max()),
-        geodetic=place.geodetic(surface.vertices),
+        rounding=_rounding(piece, origin),
+        geodetic=place.geodetic(surface.vertices.astype(np.float64, copy=False)),
     )
+
+
+def _rounding(piece: _core.Piece, origin: NDArray[np.float64]) -> float:
+    """Points where edges cross planes are rounded to float32, those where two planes do twice."""
+    made = piece.vertices[piece.weights[:, 0] != 1.0]
+    most = float(np.abs(made - origin).max(initial=0.0))
+    return float(np.nextafter(2.0 * 3.0**0.5 * 2.0**-24 * most * (1.0 + 1e-9), np.inf)) if most else 0.0
 
 
 def _mixed(rows: Mapping[str, NDArray[Any]], weights: NDArray[np.float32]) -> dict[str, NDArray[Any]]:
@@ -100,7 +116,9 @@ def _with_skirts(surface: Arrays, borders: NDArray[np.uint32], length: float) ->
     rows = np.concatenate([np.arange(count), top])
     numbers = surface.face_materials
     vertices = surface.vertices[rows]
-    vertices[count:] -= length * surface.normals[top].astype(np.float64)
+    down = surface.normals[top].astype(np.float64)
+    size = np.linalg.norm(down, axis=1, keepdims=True)
+    vertices[count:] -= length * down / np.where(size > 0.0, size, 1.0)
     return replace(
         surface,
         vertices=vertices,

@@ -8,8 +8,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from nanite_rs._export_parts import COLORS, Arrays, pieces, textures
 from nanite_rs._export_textures import halved, halvings, stored
@@ -18,8 +16,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from nanite_rs._export_parts import Piece
-    from nanite_rs.material import Material
-    from nanite_rs.texture import Image, Texture
+    from nanite_rs.texture import Image, Texture, Wrap
 
 MARGIN: Final = 2
 """Texels around what is shown."""
@@ -27,6 +24,8 @@ WORTH: Final = 0.7
 """An image is cut where this part of its texels, or less, is left."""
 SCATTERED: Final = 0.5
 """Charts are put together anew where this part of the box around them, or less, is left."""
+ALIGNED: Final = 4
+"""Charts lie at multiples of so many texels, so that two smaller versions of an image are the same, too."""
 MOST_CHARTS: Final = 4096
 """Charts of a piece that are put together anew, at most: each has its margin."""
 
@@ -73,12 +72,12 @@ def cropped(surface: Arrays, per_unit: float | None, smaller: Smaller) -> Arrays
         }
         chart = _Charts.of(surface, piece, slots, images)
         if chart is not None:
-            own = {slot: chart.texture(texture, images[slot]) for slot, texture in slots.items()}
+            own: dict[str, Any] = {
+                slot: chart.texture(texture, images[slot]) for slot, texture in slots.items()
+            }
             moved[piece.number] = piece, chart.uvs(surface, piece)
         else:
-            own = {
-                slot: _cut(surface, piece, texture, images[slot]) for slot, texture in slots.items()
-            }
+            own = {slot: _cut(surface, piece, texture, images[slot]) for slot, texture in slots.items()}
         looks[piece.number] = replace(piece.material, **own)
     if moved:
         surface = _separated(surface, moved)
@@ -133,12 +132,16 @@ def _cut(surface: Arrays, piece: Piece, texture: Texture, image: Image) -> Textu
     y, down = rows or (0, height)
     if across * down > WORTH * width * height:
         return whole
-    pixels = image.pixels[np.ix_(_texels(y, down, height, texture.wrap[1]), _texels(x, across, width, texture.wrap[0]))]
+    pixels = image.pixels[
+        np.ix_(_texels(y, down, height, texture.wrap[1]), _texels(x, across, width, texture.wrap[0]))
+    ]
     scale = width / across, height / down
+    ways: tuple[Wrap, Wrap] = texture.wrap  # type: ignore[assignment]
+    wrap = (ways[0] if columns is None else "clamp", ways[1] if rows is None else "clamp")
     return replace(
         texture,
         image=stored(np.ascontiguousarray(pixels), image.encoded()),
-        wrap=(texture.wrap[0] if columns is None else "clamp", texture.wrap[1] if rows is None else "clamp"),
+        wrap=wrap,
         offset=(
             (texture.offset[0] - x / width) * scale[0],
             (texture.offset[1] - y / height) * scale[1],
@@ -190,20 +193,21 @@ class _Charts:
         # All images have the same texels, or some of them fewer, evenly.
         if any(width % image.size[0] or height % image.size[1] for image in images.values()):
             return None
-        coarse = max(
-            max(width // image.size[0], height // image.size[1]) for image in images.values()
-        )
+        coarse = max(max(width // image.size[0], height // image.size[1]) for image in images.values())
         number, chart = _components(piece.faces, len(piece.used))
         if not 2 <= number <= MOST_CHARTS:
             return None
-        unit = np.array([coarse, coarse])
+        unit = coarse * ALIGNED
         size = np.array([width, height])
+        if (size % unit).any():
+            return None
         low, high = np.full((number, 2), np.inf), np.full((number, 2), -np.inf)
         np.minimum.at(low, chart, places)
         np.maximum.at(high, chart, places)
-        # Whole texels of the coarsest image, so that all are moved alike.
-        start = np.clip(np.floor(low * size / unit).astype(np.int64) - MARGIN, 0, None)
-        stop = np.minimum(np.ceil(high * size / unit).astype(np.int64) + MARGIN, size // unit)
+        # Whole texels of the coarsest image, and of smaller versions of it, so that all are moved alike.
+        margin = MARGIN * coarse
+        start = np.clip(np.floor((low * size - margin) / unit).astype(np.int64), 0, None)
+        stop = np.minimum(np.ceil((high * size + margin) / unit).astype(np.int64), size // unit)
         extent = np.maximum(stop - start, 1)
         box = np.prod(stop.max(axis=0) - start.min(axis=0))
         if int(np.prod(extent, axis=1).sum()) > SCATTERED * float(box):
@@ -212,7 +216,9 @@ class _Charts:
         if np.prod(used) > SCATTERED * float(box):
             return None
         source = np.concatenate([start * unit, extent * unit], axis=1)
-        return cls(first.uv_set, (width, height), chart, source, target * unit, (used[0] * coarse, used[1] * coarse))
+        return cls(
+            first.uv_set, (width, height), chart, source, target * unit, (used[0] * unit, used[1] * unit)
+        )
 
     def texture(self, texture: Texture, image: Image) -> Texture:
         """Return a texture with the charts of an image."""
@@ -239,10 +245,19 @@ class _Charts:
 
 def _components(faces: NDArray[np.int64], count: int) -> tuple[int, NDArray[np.int64]]:
     """Return the number of parts that share no vertex, and that of each vertex."""
-    rows, columns = faces[:, [0, 1]].reshape(-1), faces[:, [1, 2]].reshape(-1)
-    graph = coo_array((np.ones(len(rows), np.int8), (rows, columns)), shape=(count, count))
-    number, chart = connected_components(graph, directed=False)
-    return int(number), chart.astype(np.int64)
+    least = np.arange(count)
+    while True:
+        before = least.copy()
+        lowest = least[faces].min(axis=1)
+        for k in range(3):
+            # Whoever stands for a corner hears of a lower number, too.
+            np.minimum.at(least, least[faces[:, k]], lowest)
+            np.minimum.at(least, faces[:, k], lowest)
+        least = least[least]
+        if np.array_equal(before, least):
+            break
+    names, chart = np.unique(least, return_inverse=True)
+    return len(names), chart.reshape(-1)
 
 
 def _shelves(extent: NDArray[np.int64]) -> tuple[NDArray[np.int64], tuple[int, int]]:

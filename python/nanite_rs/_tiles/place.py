@@ -16,7 +16,9 @@ if TYPE_CHECKING:
 Up = Literal["y", "z"]
 
 # glTF has y up, tiles z: viewers turn what glTF holds.
-TURN: Final = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+TURN: Final = np.array(
+    [[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
+)
 # How much a map of the globe may stretch more than where it was looked at.
 _MARGIN: Final = 1.001
 # Least radius of curvature of the globe, in metres, and of what is up to 60 km above or below it.
@@ -56,7 +58,8 @@ class Upright:
         if self._turn is None:
             return vertices, normals
         # By columns, so that nothing is rounded.
-        return vertices[:, [0, 2, 1]] * (1.0, -1.0, 1.0), normals[:, [0, 2, 1]] * np.float32((1.0, -1.0, 1.0))
+        signs = np.array([1.0, -1.0, 1.0], np.float32)
+        return vertices[:, [0, 2, 1]] * signs, normals[:, [0, 2, 1]] * signs
 
     def stretch(self, lower: NDArray[np.float64], upper: NDArray[np.float64]) -> float:  # noqa: ARG002
         """Return 1."""
@@ -66,7 +69,7 @@ class Upright:
         """Return 0."""
         return 0.0
 
-    def geodetic(self, vertices: NDArray[np.float64]) -> None:  # noqa: ARG002
+    def geodetic(self, vertices: NDArray[np.float64]) -> None:
         """Return nothing."""
 
 

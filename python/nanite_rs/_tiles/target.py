@@ -74,8 +74,8 @@ def opened(folder: object, options: Mapping[str, Any] | None, overwrite: bool) -
         if not overwrite:
             raise _exists(str(path))
         (path / ROOT).unlink()
-        for old in (CONTENT, SUBTREES):
-            shutil.rmtree(path / old, ignore_errors=True)
+        for name in (CONTENT, SUBTREES):
+            shutil.rmtree(path / name, ignore_errors=True)
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -42,7 +42,7 @@ _SCHEMA: Final = {
             "name": "Tile",
             "properties": {
                 "bound": {
-                    "description": "No point of the tile is farther from the source, in metres or units of the mesh",
+                    "description": "No point of the tile is farther from the source, in units of the tiles",
                     "type": "SCALAR",
                     "componentType": "FLOAT64",
                 },
@@ -100,6 +100,15 @@ class Node:
     geometric_error: float = 0.0
     children: list[Node] = field(default_factory=list)
 
+    def close_ranks(self) -> None:
+        """Have what empty children have. One stays where all are empty, so that this tile goes."""
+        rows = [one for child in self.children for one in ([child] if child.uri else child.children)]
+        if self.children and not rows and self.lower is not None:
+            empty = Node(self.level + 1, self.origin, 0.0, 0.0, 0.0, lower=self.lower, upper=self.upper)
+            empty.region = self.region
+            rows = [empty]
+        self.children = rows
+
     def finish(self) -> None:
         """Enclose children, whose errors are no larger."""
         self.geometric_error = max([self.bound, *(child.geometric_error for child in self.children)])
@@ -137,8 +146,7 @@ def tree(
     progress: Callable[[int, int], object] | None,
 ) -> Made:
     """Write the tiles of a mesh; return the roots of their tree."""
-    tiles = _core.Tiles(mesh, how.triangles)
-    return _Writing(tiles, materials, place, how, target, folder, notes).run(progress)
+    return _Writing(mesh, materials, place, how, target, folder, notes).run(progress)
 
 
 @dataclass(frozen=True)
@@ -157,7 +165,7 @@ class _Writing:
 
     def __init__(
         self,
-        tiles: _core.Tiles,
+        mesh: _core.Mesh,
         materials: tuple[Material, ...],
         place: Place,
         how: How,
@@ -165,13 +173,16 @@ class _Writing:
         folder: str,
         notes: Notes,
     ) -> None:
+        tiles = _core.Tiles(mesh, how.triangles)
         self._tiles, self._materials, self._place, self._how = tiles, materials, place, how
+        self._origin = np.array(mesh.origin)
         self._target, self._folder, self._notes = target, folder, notes
         self._smaller = Smaller()
         self._level, self._parent = tiles.level, tiles.parent
         self._lower, self._upper = tiles.lower, tiles.upper
         count = len(tiles)
         stretch = np.array([place.stretch(self._lower[k], self._upper[k]) for k in range(count)])
+        self._stretch = stretch
         self._error = tiles.error * stretch
         self._attribute_error = tiles.attribute_error * stretch
         above = np.where(self._parent >= 0, self._error[self._parent], self._error)
@@ -210,12 +221,13 @@ class _Writing:
                 for future in waiting:
                     future.cancel()
                 raise
-        roots = []
+        roots: list[Node] = []
+        # Parents come before what replaces them.
         for number, node in enumerate(nodes):
             parent = int(self._parent[number])
             (roots if parent < 0 else nodes[parent].children).append(node)
-        # Parents come before what replaces them.
         for node in reversed(nodes):
+            node.close_ranks()
             node.finish()
         triangles = sum(node.triangles for node in nodes)
         return Made(roots, len(self._tiles.levels), sizes, triangles)
@@ -238,7 +250,8 @@ class _Writing:
     def _write(self, number: int) -> tuple[Node, int]:
         """Write a tile; return it with the bytes of its content."""
         error, step, skirt = (float(x[number]) for x in (self._error, self._step, self._skirt))
-        shown = content(self._tiles.piece(number), self._materials, self._place, skirt)
+        piece = self._tiles.piece(number)
+        shown = content(piece, self._materials, self._place, self._origin, skirt)
         node = Node(
             level=int(self._level[number]),
             origin=np.zeros(3),
@@ -249,9 +262,9 @@ class _Writing:
         if shown is None:
             return node, 0
         grid = self._grid(shown, step)
-        bent = self._place.bent(shown.longest)
+        bent, made = self._place.bent(shown.longest), shown.rounding * float(self._stretch[number])
         node.origin, node.triangles = grid.origin, shown.triangles
-        node.bound = float(np.nextafter(error + grid.moved + bent, np.inf))
+        node.bound = float(np.nextafter(error + made + grid.moved + bent, np.inf))
         vertices = shown.surface.vertices
         node.lower, node.upper = vertices.min(axis=0) - step, vertices.max(axis=0) + step
         if shown.geodetic is not None:
@@ -281,7 +294,14 @@ def _region(geodetic: NDArray[np.float64], slack: float) -> NDArray[np.float64] 
         return None
     angle = slack / 6.3e6
     return np.array(
-        [low[0] - 2 * angle, low[1] - angle, high[0] + 2 * angle, high[1] + angle, low[2] - slack, high[2] + slack]
+        [
+            low[0] - 2 * angle,
+            low[1] - angle,
+            high[0] + 2 * angle,
+            high[1] + angle,
+            low[2] - slack,
+            high[2] + slack,
+        ]
     )
 
 

@@ -1,0 +1,164 @@
+"""Meshes and scenes as 3D Tiles."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from nanite_rs import _checks, _core, _export_scene
+from nanite_rs._asset import Notes
+from nanite_rs._export_packing import Packing
+from nanite_rs._progress import reporter
+from nanite_rs._tiles import write
+from nanite_rs._tiles.place import TURN, Upright
+from nanite_rs._tiles.target import CONTENT, opened
+from nanite_rs.exceptions import ArgumentError
+from nanite_rs.material import several
+from nanite_rs.mesh import NaniteMesh
+from nanite_rs.strokes import Lines, Points
+from nanite_rs.triangle_mesh import TriangleMesh
+
+if TYPE_CHECKING:
+    from collections.abc import Hashable, Mapping
+
+    from numpy.typing import NDArray
+
+    from nanite_rs._progress import Progress
+    from nanite_rs.report import TilesReport
+    from nanite_rs.scene import MeshNode, Scene
+
+FEWEST: Final = 256
+"""Triangles of a tile, at least."""
+
+
+def how(
+    triangles: int, compression: object, skirts: bool, pixel_error: float, workers: int | None
+) -> write.How:
+    """Check how tiles are made."""
+    pixels = _checks.number(pixel_error, "pixel_error")
+    if not pixels > 0.0:
+        raise ArgumentError(f"pixel_error: must be positive, not {pixel_error}")
+    return write.How(
+        triangles=_checks.whole(triangles, "triangles", FEWEST, 1 << 24),
+        packing=Packing.of(compression, "glb"),
+        skirts=_checks.truth(skirts, "skirts"),
+        pixel_error=pixels,
+        workers=_core.num_threads() if workers is None else _checks.whole(workers, "workers", 1, 256),
+    )
+
+
+def export_mesh(
+    mesh: NaniteMesh,
+    folder: object,
+    how: write.How,
+    up: object,
+    crs: object,
+    transform: object,
+    options: Mapping[str, Any] | None,
+    overwrite: bool,
+    progress: Progress,
+) -> TilesReport:
+    """Write the tiles of a mesh."""
+    place = write.place_of(up, crs)
+    if crs is not None and transform is not None:
+        raise ArgumentError("transform: a reference system says where the tiles are")
+    pose = np.eye(4) if transform is None else np.asarray(transform, np.float64)
+    if pose.shape != (4, 4) or not np.isfinite(pose).all():
+        raise ArgumentError(f"transform: expected a (4, 4) matrix of finite numbers, found {pose.shape}")
+    notes = Notes()
+    with opened(folder, options, overwrite) as target, reporter(progress, "tiling") as report:
+        made = write.tree(mesh._core, mesh._materials, place, how, target, f"{CONTENT}/", notes, report)
+        root, json = write.whole(made.roots), write.Json(target, crs is not None)
+        row = json.row(root, np.zeros(3))
+        if transform is not None:
+            own = np.array(row.get("transform", np.eye(4).reshape(-1))).reshape(4, 4).T
+            row["transform"] = (pose @ own).T.reshape(-1).tolist()
+        json.write(row, write.size_of(root))
+        found = write.report(target, [made])
+    notes.warn(found.path)
+    return found
+
+
+def export_scene(
+    scene: Scene,
+    folder: object,
+    how: write.How,
+    up: object,
+    options: Mapping[str, Any] | None,
+    overwrite: bool,
+    progress: Progress,
+) -> TilesReport:
+    """Write the tiles of what a scene shows: those of a mesh once, for all of its instances."""
+    notes = Notes()
+    _export_scene.unwritten(scene, notes)
+    if any(light.visible for light in scene.lights):
+        notes.add("lights")
+    shown = []
+    for node in scene.instances:
+        if node.visible and isinstance(node.mesh, Points | Lines):
+            notes.add("points and lines")
+        elif node.visible:
+            shown.append(node)
+    if not shown:
+        raise ArgumentError("to_3dtiles: the scene shows no mesh")
+    place = Upright("y" if up is None else up)
+    # What a pose does before axes are turned, it does after.
+    turn = TURN if up in (None, "y") else np.eye(4)
+    with opened(folder, options, overwrite) as target, reporter(progress, "tiling") as report:
+        made: dict[Hashable, tuple[write.Made, write.Node]] = {}
+        json = write.Json(target, regions=False)
+        rows, corners = [], []
+        largest = 0.0
+        for node in shown:
+            look = several(node.material, "material")
+            key = id(node.mesh), look
+            if key not in made:
+                own = write.tree(
+                    _core_of(node), look, place, how, target, f"{CONTENT}/{len(made)}/", notes, report
+                )
+                made[key] = own, write.whole(own.roots)
+            root = made[key][1]
+            pose = turn @ node.pose @ turn.T
+            rows.append(_placed(json, root, pose))
+            corners.append(_corners(root) @ pose[:3, :3].T + pose[:3, 3])
+            largest = max(largest, root.geometric_error * float(np.linalg.norm(pose[:3, :3], 2)))
+        points = np.concatenate(corners)
+        around = write.Node(
+            0, np.zeros(3), largest, 0.0, 0.0, lower=points.min(axis=0), upper=points.max(axis=0)
+        )
+        around.geometric_error = largest
+        row = {
+            "boundingVolume": json.volume(around),
+            "geometricError": largest,
+            "refine": "REPLACE",
+            "children": rows,
+        }
+        json.write(row, write.size_of(around))
+        found = write.report(target, [own for own, _ in made.values()])
+    notes.warn(found.path)
+    return found
+
+
+def _core_of(node: MeshNode) -> _core.Mesh:
+    """Return the levels of a mesh; one without any gets some."""
+    mesh = node.mesh
+    if isinstance(mesh, TriangleMesh):
+        _, (vertices, faces, arrays) = mesh._parts()
+        return NaniteMesh.from_arrays(vertices, faces, **arrays, progress=False)._core
+    core: _core.Mesh = mesh._core
+    return core
+
+
+def _placed(json: write.Json, root: write.Node, pose: NDArray[np.float64]) -> dict[str, Any]:
+    row = json.row(root, np.zeros(3))
+    own = np.array(row.get("transform", np.eye(4).reshape(-1))).reshape(4, 4).T
+    return row | {"transform": (pose @ own).T.reshape(-1).tolist()}
+
+
+def _corners(node: write.Node) -> NDArray[np.float64]:
+    if node.lower is None or node.upper is None:
+        return np.zeros((1, 3))
+    ends = np.stack([node.lower, node.upper])
+    grid = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij"), axis=-1).reshape(-1, 3)
+    return np.take_along_axis(ends, grid, axis=0)
