@@ -729,12 +729,10 @@ class NaniteMesh(Geometry):
         >>> report.tiles > 8 and report.levels > 1
         True
         """
-        from nanite_rs import _export_tiles
+        from nanite_rs._tiles import of_mesh
 
-        how = _export_tiles.how(triangles, compression, skirts, pixel_error, workers)
-        return _export_tiles.export_mesh(
-            self, folder, how, up, crs, transform, storage_options, overwrite, progress
-        )
+        how = of_mesh.how(triangles, compression, skirts, pixel_error, workers)
+        return of_mesh.export(self, folder, how, up, crs, transform, storage_options, overwrite, progress)
 
     @staticmethod
     def file_info(

@@ -612,10 +612,10 @@ class Scene(_advice.Teaching):
         >>> scene.to_3dtiles("balls").tiles
         1
         """
-        from nanite_rs import _export_tiles
+        from nanite_rs._tiles import of_mesh, of_scene
 
-        how = _export_tiles.how(triangles, compression, skirts, pixel_error, workers)
-        return _export_tiles.export_scene(self, folder, how, up, storage_options, overwrite, progress)
+        how = of_mesh.how(triangles, compression, skirts, pixel_error, workers)
+        return of_scene.export(self, folder, how, up, storage_options, overwrite, progress)
 
     @property
     def ambient_light(self) -> Rgb:
