@@ -85,3 +85,23 @@ def test_real_files(path, tmp_path) -> None:
         mesh.cut(target_reduction=0.9).export(tmp_path / "cut.glb")
         mesh.export(tmp_path / "levels.glb", levels=[0.5, 0.1])
     assert faults(tmp_path / "cut.glb", tmp_path / "levels.glb") == []
+
+
+@pytest.mark.parametrize("compression", ["quantized", "meshopt", "meshopt-khr"])
+def test_compressed(compression, tmp_path) -> None:
+    """Of codecs it knows the JSON around them alone."""
+    ours = scene()
+    ours.add(nrs.Points(np.arange(15.0).reshape(5, 3)))
+    files = [tmp_path / f"{name}.glb" for name in ("cut", "levels", "scene")]
+    source().cut(error=0.0).export(files[0], compression=compression)
+    source().export(files[1], levels=[1.0, 0.3, 0.05], compression=compression)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        ours.export(files[2], error=0.01, compression=compression)
+    assert faults(*files) == []
+
+
+@pytest.mark.parametrize("compression", [None, "quantized", "meshopt"])
+def test_tiles(compression, tmp_path) -> None:
+    source().to_3dtiles(tmp_path / "t", triangles=300, compression=compression)
+    assert faults(*sorted((tmp_path / "t").rglob("*.glb"))) == []

@@ -10,8 +10,16 @@ import nanite_rs as nrs
 
 FOLDER = Path(nrs.__file__).parent
 PACKAGE = "nanite_rs"
+
+
+def _module(path: Path) -> str:
+    """The name of a module within the package; that of a folder for its ``__init__``."""
+    parts = path.relative_to(FOLDER).with_suffix("").parts
+    return ".".join(parts[:-1] if len(parts) > 1 and parts[-1] == "__init__" else parts)
+
+
 # The compiled module has no file here; it imports nothing but `exceptions`, by name.
-MODULES = {path.stem for path in FOLDER.glob("*.py")} | {"_core"}
+MODULES = {_module(path) for path in FOLDER.rglob("*.py")} | {"_core"}
 
 
 def _of_types(node: ast.AST) -> bool:
@@ -39,10 +47,11 @@ def imported(source: str) -> set[str]:
     while todo:
         node = todo.pop()
         for name in _names(node):
-            package, _, rest = f"{name}.".partition(".")
-            module = rest.partition(".")[0]
+            package, *rest = name.split(".")
             if package == PACKAGE:
-                found.add(module if module in MODULES else "__init__")
+                # The longest of its beginnings that is a module.
+                known = [module for k in range(len(rest), 0, -1) if (module := ".".join(rest[:k])) in MODULES]
+                found.add(known[0] if known else "__init__")
         todo += node.orelse if _of_types(node) else ast.iter_child_nodes(node)
     return found
 
@@ -67,12 +76,17 @@ def cycle(graph: dict[str, set[str]]) -> list[str]:
 
 
 def test_no_import_cycle() -> None:
-    graph = {path.stem: imported(path.read_text(encoding="utf-8")) for path in FOLDER.glob("*.py")}
+    graph = {_module(path): imported(path.read_text(encoding="utf-8")) for path in FOLDER.rglob("*.py")}
     assert sum(map(len, graph.values())) > 150, "the test reads the imports of the package"
     assert not (found := cycle(graph)), " imports ".join(found)
 
 
 def test_a_cycle_would_be_seen() -> None:
+    assert imported("from nanite_rs._tiles import of_mesh\nimport nanite_rs._tiles.write") == {
+        "_tiles.of_mesh",
+        "_tiles.write",
+    }
+    assert imported("from nanite_rs._tiles.of_mesh import export") == {"_tiles.of_mesh"}
     assert imported("from nanite_rs import io, mesh as m") == {"io", "mesh"}
     assert imported("import nanite_rs._core\nfrom .cut import Cut") == {"_core", "cut"}
     assert imported("def f():\n    from nanite_rs.mesh import NaniteMesh") == {"mesh"}
