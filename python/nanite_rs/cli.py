@@ -292,6 +292,7 @@ def _tiles(arguments: argparse.Namespace) -> int:
         "pixel_error": arguments.pixel_error,
         "up": arguments.up,
         "crs": arguments.crs,
+        "preview": arguments.preview,
         "overwrite": arguments.overwrite,
     }
     mesh = _mesh(arguments)
@@ -694,6 +695,7 @@ def _add_tiles(commands: Any) -> None:
     )
     sub.add_argument("--up", choices=("y", "z"), help="the axis of the mesh that points up (z)")
     sub.add_argument("--crs", metavar="NAME", help="coordinate reference system of the mesh: EPSG:32632")
+    sub.add_argument("--preview", action="store_true", help="write a page, too, that shows the tiles")
     sub.add_argument("--overwrite", action="store_true", help="replace a tileset that is there")
     _add_building(sub)
 

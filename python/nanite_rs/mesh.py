@@ -659,6 +659,7 @@ class NaniteMesh(Geometry):
         up: Literal["y", "z"] | None = None,
         crs: Any = None,
         transform: ArrayLike | None = None,
+        preview: bool = False,
         workers: int | None = None,
         overwrite: bool = False,
         storage_options: Mapping[str, Any] | None = None,
@@ -699,6 +700,9 @@ class NaniteMesh(Geometry):
             are regions, and errors metres, with what the map stretches.
         transform : (4, 4) array, optional
             Instead: where the tiles are, such as the pose of a local frame on the globe.
+        preview : bool
+            Write a page, too, ``index.html``, which shows the tiles from any static server, such as
+            ``python -m http.server``: 3d-tiles-renderer and three.js, which the browser fetches from jsDelivr.
         workers : int, optional
             Threads; by default as many as `get_num_threads` says.
         overwrite : bool
@@ -731,7 +735,7 @@ class NaniteMesh(Geometry):
         """
         from nanite_rs._tiles import of_mesh
 
-        how = of_mesh.how(triangles, compression, skirts, pixel_error, workers)
+        how = of_mesh.how(triangles, compression, skirts, pixel_error, preview, workers)
         return of_mesh.export(self, folder, how, up, crs, transform, storage_options, overwrite, progress)
 
     @staticmethod

@@ -576,6 +576,7 @@ class Scene(_advice.Teaching):
         skirts: bool = True,
         pixel_error: float = 16.0,
         up: Literal["y", "z"] | None = None,
+        preview: bool = False,
         workers: int | None = None,
         overwrite: bool = False,
         storage_options: Mapping[str, Any] | None = None,
@@ -590,7 +591,7 @@ class Scene(_advice.Teaching):
         ----------
         folder : path or URL
             Where the files go; it is made if need be.
-        triangles, compression, skirts, pixel_error, workers, overwrite, storage_options, progress
+        triangles, compression, skirts, pixel_error, preview, workers, overwrite, storage_options, progress
             As for `NaniteMesh.to_3dtiles`.
         up : {"y", "z"}, optional
             Which axis of the world points up: y by default, as in glTF.
@@ -614,7 +615,7 @@ class Scene(_advice.Teaching):
         """
         from nanite_rs._tiles import of_mesh, of_scene
 
-        how = of_mesh.how(triangles, compression, skirts, pixel_error, workers)
+        how = of_mesh.how(triangles, compression, skirts, pixel_error, preview, workers)
         return of_scene.export(self, folder, how, up, storage_options, overwrite, progress)
 
     @property

@@ -26,7 +26,12 @@ FEWEST: Final = 256
 
 
 def how(
-    triangles: int, compression: object, skirts: bool, pixel_error: float, workers: int | None
+    triangles: int,
+    compression: object,
+    skirts: bool,
+    pixel_error: float,
+    preview: bool,
+    workers: int | None,
 ) -> write.How:
     """Check how tiles are made."""
     pixels = _checks.number(pixel_error, "pixel_error")
@@ -37,6 +42,7 @@ def how(
         packing=Packing.of(compression, "glb"),
         skirts=_checks.truth(skirts, "skirts"),
         pixel_error=pixels,
+        preview=_checks.truth(preview, "preview"),
         workers=_core.num_threads() if workers is None else _checks.whole(workers, "workers", 1, 256),
     )
 
@@ -68,6 +74,7 @@ def export(
             own = np.array(row.get("transform", np.eye(4).reshape(-1))).reshape(4, 4).T
             row["transform"] = (pose @ own).T.reshape(-1).tolist()
         json.write(row, write.size_of(root))
+        write.show(target, how)
         found = write.report(target, [made])
     notes.warn(found.path)
     return found

@@ -83,6 +83,7 @@ def export(
             "children": rows,
         }
         json.write(row, write.size_of(around))
+        write.show(target, how)
         found = write.report(target, [own for own, _ in made.values()])
     notes.warn(found.path)
     return found

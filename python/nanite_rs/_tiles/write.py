@@ -15,7 +15,8 @@ from nanite_rs._export_packing import FLOAT_STEPS, POSITION_STEPS, Grid, Packing
 from nanite_rs._tiles.content import content
 from nanite_rs._tiles.images import Smaller, cropped
 from nanite_rs._tiles.place import TURN, Globe, Upright
-from nanite_rs._tiles.target import CONTENT, ROOT, SUBTREES
+from nanite_rs._tiles.preview import PAGE, page
+from nanite_rs._tiles.target import ROOT, SUBTREES
 from nanite_rs.exceptions import ArgumentError
 from nanite_rs.report import TilesReport
 
@@ -80,6 +81,7 @@ class How:
     packing: Packing | None
     skirts: bool
     pixel_error: float
+    preview: bool
     workers: int
 
 
@@ -416,6 +418,12 @@ def size_of(node: Node) -> float:
     return max(float(np.linalg.norm(node.upper - node.lower)), node.geometric_error)
 
 
+def show(target: Target, how: How) -> None:
+    """Write the page, where one is wanted."""
+    if how.preview:
+        target.write(PAGE, page("3D Tiles", how.pixel_error))
+
+
 def report(target: Target, made: Sequence[Made]) -> TilesReport:
     """Return what was written."""
     sizes = [size for own in made for size in own.sizes]
@@ -427,6 +435,3 @@ def report(target: Target, made: Sequence[Made]) -> TilesReport:
         bytes=sum(sizes),
         median_bytes=int(np.median(sizes)) if sizes else 0,
     )
-
-
-__all__ = ["CONTENT", "How", "Json", "Made", "Node", "place_of", "report", "size_of", "tree", "whole"]

@@ -61,7 +61,7 @@ def until(done: Callable[[], T], what: Callable[[], str]) -> T:
 class Browser:
     """A page of Chromium."""
 
-    def __init__(self, folder: Path, width: int, height: int) -> None:
+    def __init__(self, folder: Path, width: int, height: int, *more: str) -> None:
         program = next(filter(None, map(shutil.which, BROWSERS)), None)
         if program is None:
             pytest.skip("there is no Chromium; install the package chromium-headless-shell")
@@ -79,6 +79,7 @@ class Browser:
             "--remote-allow-origins=*",
             f"--user-data-dir={folder}",
             f"--window-size={width},{height}",
+            *more,
         ]
         # The program may be a script that starts the browser: both end together.
         quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "start_new_session": True}
