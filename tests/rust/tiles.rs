@@ -1,13 +1,13 @@
 //! Tiles: those of a level are one cut, and meet with the same vertices.
 
-use std::collections::HashMap;
-
 use nanite_rs::format::{open_input, to_bytes};
 use nanite_rs::lod::{extract as cut_arrays, select};
 use nanite_rs::math::Aabb;
 use nanite_rs::model::rule::Threshold;
 use nanite_rs::model::{Dag, UNINTERRUPTED};
 use nanite_rs::tile::{Layout, Piece, Plan, extract, plan};
+
+use rustc_hash::FxHashMap;
 
 use crate::damage::rich_mesh;
 use crate::render_frames::dag;
@@ -28,8 +28,8 @@ fn front(plan: &Plan, level: u32) -> Vec<usize> {
 }
 
 /// How often each directed edge is there, by positions; triangles that are only a line there have none.
-fn edges<'a>(pieces: impl Iterator<Item = &'a Piece>) -> HashMap<[P; 2], i32> {
-    let mut out = HashMap::new();
+fn edges<'a>(pieces: impl Iterator<Item = &'a Piece>) -> FxHashMap<[P; 2], i32> {
+    let mut out = FxHashMap::default();
     for piece in pieces {
         for face in &piece.arrays.faces {
             let at = face.map(|v| bits(piece.arrays.positions[v as usize]));
@@ -99,7 +99,7 @@ fn verify(dag: &Dag, plan: &Plan, closed: bool) {
 
 /// A closed block of unit squares: all of its edges lie in planes that boxes are halved at.
 fn block(side: u32) -> (Vec<[f32; 3]>, Vec<[u32; 3]>) {
-    let mut numbers = HashMap::new();
+    let mut numbers = FxHashMap::default();
     let (mut positions, mut faces) = (Vec::new(), Vec::new());
     for axis in 0..3 {
         for (top, a, b) in (0..2).flat_map(|t| (0..side).flat_map(move |a| (0..side).map(move |b| (t, a, b))))
