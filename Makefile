@@ -55,7 +55,7 @@ endef
 export PYO3_PYTHON := $(abspath $(BIN)/python)
 export PYOPENGL_PLATFORM := osmesa
 
-.PHONY: help build quick test-fast demo notebooks test test-rust test-python lint docs wheel check-wheel fmt bench bench-error bench-gpu bench-streaming bench-zoo screenshots soak clean tools system vulkan nginx gltf-validator
+.PHONY: help build quick test-fast demo notebooks test test-rust test-python lint docs wheel check-wheel fmt bench bench-error bench-gpu bench-streaming bench-zoo screenshots soak clean tools system vulkan nginx gltf-validator tile-viewer
 
 help:
 	@sed -n '/^#/!q; s/^# \{0,1\}//p' Makefile
@@ -114,6 +114,9 @@ gltf-validator:
 	@tools/system-packages $(BIN)/python "the tests of written glTF" bin/node=nodejs bin/npm=npm
 	@tools/gltf-validator target/gltf-validator
 
+tile-viewer: gltf-validator
+	@tools/tile-viewer target/tile-viewer
+
 build: $(VENV)/.stamp-module
 
 # In the same place. `make build` puts the one that is released there again.
@@ -145,13 +148,13 @@ test-rust: vulkan | tools
 	@$(with_vulkan); \
 	NANITE_SKIPS=$(abspath $(REPORTS))/rust-skips.txt cargo test --locked --no-fail-fast $(CARGO_TEST_ARGS) 2>&1 | tee $(REPORTS)/rust-log.txt
 
-test-python: build $(VENV)/.stamp-test-requirements system vulkan nginx gltf-validator
+test-python: build $(VENV)/.stamp-test-requirements system vulkan nginx gltf-validator tile-viewer
 	@mkdir -p $(REPORTS) && rm -f $(REPORTS)/python-*
 	@$(with_vulkan); \
 	NANITE_SKIPS=$(abspath $(REPORTS))/python-skips.txt $(PYTEST) $(PYTEST_ARGS)
 
 # What is slow is marked so. The rest tells most faults.
-test-fast: quick $(VENV)/.stamp-test-requirements system vulkan nginx gltf-validator
+test-fast: quick $(VENV)/.stamp-test-requirements system vulkan nginx gltf-validator tile-viewer
 	@$(with_vulkan); cargo test --locked --quiet --profile quick --lib; \
 	$(PYTEST) -q -m "not slow" $(PYTEST_ARGS)
 

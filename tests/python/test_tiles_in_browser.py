@@ -1,0 +1,122 @@
+"""The page beside a tileset, in Chromium: what 3d-tiles-renderer shows is what the source looks like."""
+
+from __future__ import annotations
+
+import http.server
+import json
+import os
+import threading
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+import nanite_rs as nrs
+from nanite_rs._tiles import preview
+from oracles.browser import Browser
+from oracles.camera import look_at
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+#: Where `make test` puts it.
+PACKAGES = Path(__file__).resolve().parents[2] / "target" / "tile-viewer" / "node_modules"
+pytestmark = [
+    pytest.mark.skipif(
+        not (PACKAGES / "3d-tiles-renderer").exists(),
+        reason="three.js and 3d-tiles-renderer are not there; tools/tile-viewer fetches them",
+    ),
+    pytest.mark.slow,
+]
+VIEWS = 60 if os.environ.get("NANITE_SOAK") else 8
+IDLE = "view.tiles.stats.downloading + view.tiles.stats.parsing + view.tiles.stats.queued == 0"
+
+
+@contextmanager
+def served(folder: Path) -> Iterator[str]:
+    """A static server: the folder, and packages by their names and versions."""
+
+    class Handler(http.server.SimpleHTTPRequestHandler):
+        def translate_path(self, path: str) -> str:
+            path = path.partition("?")[0]
+            if not path.startswith("/npm/"):
+                return str(folder / path.lstrip("/"))
+            package, _, rest = path.removeprefix("/npm/").partition("/")
+            return str(PACKAGES / package.partition("@")[0] / rest)
+
+        def log_message(self, *_: object) -> None:
+            pass
+
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        yield f"http://127.0.0.1:{server.server_address[1]}/"
+        server.shutdown()
+
+
+def beyond(a: np.ndarray, b: np.ndarray) -> int:
+    """Pixels of a mask that are more than two pixels from the other, both ways."""
+    wide = np.ones((5, 5), bool)
+    return int((a & ~ndimage.binary_dilation(b, wide)).sum() + (b & ~ndimage.binary_dilation(a, wide)).sum())
+
+
+def settled(browser: Browser) -> None:
+    """Wait until the tiles of a view have come, and were drawn."""
+    for _ in range(2):
+        frames = browser.value("view.frames")
+        browser.until(f"view.frames > {frames} + 3 && {IDLE}")
+
+
+def test_silhouettes_along_a_path(tmp_path) -> None:
+    mesh = nrs.NaniteMesh.from_arrays(*nrs.shapes.displaced_icosphere(faces=120_000))
+    folder = tmp_path / "tiles"
+    mesh.to_3dtiles(folder, triangles=3_000, preview=True)
+    assert preview.PACKAGES in (folder / "index.html").read_text()
+    (folder / "index.html").write_bytes(preview.page("tiles", 1.0, "/npm/"))
+    scene = nrs.Scene()
+    scene.add(mesh)
+    levels, mixed = set(), 0
+    flags = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+    with served(folder) as url:
+        browser = Browser(tmp_path / "chromium", 400, 300, *flags)
+        try:
+            browser.call("Page.navigate", url=f"{url}index.html")
+            browser.until("window.view && view.placed")
+            browser.value("document.getElementById('panel').style.display = 'none'; view.held = true")
+            browser.value("view.renderer.setClearColor(0xff00ff)")
+            *center, radius = browser.value("[...view.sphere.center.toArray(), view.sphere.radius]")
+            height, width = browser.seen().shape[:2]
+            renderer = nrs.Renderer(width, height, backend="cpu")
+            for k in range(VIEWS):
+                around = 2.0 * np.pi * (k + 0.5) / VIEWS
+                above = 0.4 * np.sin(3.0 * around)
+                out = radius * (1.05 + 0.8 * (0.5 + 0.5 * np.cos(2.0 * around)))
+                eye = out * np.array(
+                    [np.cos(around) * np.cos(above), np.sin(around) * np.cos(above), np.sin(above)]
+                )
+                target = 0.35 * radius * np.array([np.sin(around), -np.cos(around), 0.0])
+                # The page has y up, about the middle.
+                there = [[float(p[0]), float(p[2]), -float(p[1])] for p in (eye, target)]
+                browser.value(f"view.camera.position.set(...{there[0]}); view.camera.lookAt(...{there[1]})")
+                settled(browser)
+                theirs = (np.abs(browser.seen().astype(int) - (255, 0, 255)) > 24).any(axis=2)
+                pose = look_at(eye + center, target + center, (0.0, 0.0, 1.0))
+                camera = nrs.PerspectiveCamera(yfov=np.radians(50.0), znear=1e-3 * radius)
+                frame = renderer.render(scene, camera, pose, outputs=["depth"])
+                ours = frame.depth > 0.0
+                assert ours.mean() > 0.1
+                # Silhouettes, from outside and from inside: there are no holes either.
+                assert beyond(theirs, ours) == beyond(~theirs, ~ours) == 0
+                seen = json.loads(
+                    browser.value(
+                        "JSON.stringify([...view.tiles.visibleTiles].map((tile) => tile.metadata.properties.level))"
+                    )
+                )
+                levels |= set(seen)
+                mixed += len(set(seen)) > 1
+        finally:
+            browser.close()
+    assert len(levels) >= 2
+    assert mixed > 0, "views have tiles of several levels"
