@@ -14,6 +14,7 @@ from nanite_rs import (
     _export_levels,
     _face_data,
     _material_files,
+    _neuroglancer,
     _remote,
     _sources,
     _upload,
@@ -737,6 +738,65 @@ class NaniteMesh(Geometry):
 
         how = of_mesh.how(triangles, compression, skirts, pixel_error, preview, workers)
         return of_mesh.export(self, folder, how, up, crs, transform, storage_options, overwrite, progress)
+
+    def to_neuroglancer(
+        self,
+        folder: io.PathLike,
+        segment: int,
+        *,
+        triangles: int = 10_000,
+        quantization_bits: int = 16,
+        unit: float = 1.0,
+        workers: int | None = None,
+        progress: Progress = None,
+    ) -> list[float]:
+        """Write a segment of multi-resolution meshes as neuroglancer reads them (``neuroglancer_multilod_draco``).
+
+        Each level is a cut for one error, clipped at the boxes of a grid: fragments of Draco, by DracoPy (extra
+        ``io``), whose triangles stay within their octants. ``lod_scales`` are proven errors, so that neuroglancer
+        shows the coarsest level that is off by no more than a pixel. Several segments go into one folder, whose
+        ``info`` they have in common. Surfaces alone are written.
+
+        Parameters
+        ----------
+        folder : path
+            The folder of the meshes; it is made if need be.
+        segment : int
+            The number of the segment, which its two files are named by.
+        triangles : int
+            Triangles of a fragment, about, at most.
+        quantization_bits : {16, 10}
+            Bits of a coordinate in its fragment.
+        unit : float
+            Nanometres of a unit of the mesh.
+        workers : int, optional
+            Threads; by default as many as `get_num_threads` says.
+        progress : bool or callable, optional
+            As for `from_arrays`.
+
+        Returns
+        -------
+        list of float
+            The proven error of each level in nanometres, the finest first, with the rounding of positions.
+
+        Raises
+        ------
+        ArgumentError, DtypeError
+            An argument is out of range.
+        FileError
+            The folder holds other meshes, or cannot be written.
+        DependencyError
+            DracoPy is missing.
+
+        Examples
+        --------
+        >>> mesh = nrs.NaniteMesh.from_arrays(*nrs.shapes.torus_knot(faces=30_000))
+        >>> errors = mesh.to_neuroglancer("meshes", 7, triangles=2_000, unit=1_000.0)
+        >>> len(errors) > 1 and errors == sorted(errors)
+        True
+        """
+        given = _neuroglancer.checked(segment, triangles, quantization_bits, unit, workers)
+        return _neuroglancer.write(self, _checks.path_of(folder, "folder"), progress=progress, **given)
 
     @staticmethod
     def file_info(
