@@ -18,14 +18,14 @@ from nanite_rs.exceptions import FormatError
 from nanite_rs.light import DirectionalLight, SpotLight
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
 
     from nanite_rs._export_parts import Surface
     from nanite_rs.light import Light
     from nanite_rs.material import Material
-    from nanite_rs.texture import Texture
+    from nanite_rs.texture import Image, Texture
 
 _WRAP_NUMBERS: Final[dict[str, int]] = {wrap: number for number, wrap in WRAPS.items()}
 
@@ -33,10 +33,18 @@ _WRAP_NUMBERS: Final[dict[str, int]] = {wrap: number for number, wrap in WRAPS.i
 class Document:
     """A document that is filled table by table, and the bytes that it refers to."""
 
-    def __init__(self, notes: Notes, path: str, packing: Packing | None = None) -> None:
+    def __init__(
+        self,
+        notes: Notes,
+        path: str,
+        packing: Packing | None = None,
+        outside: Callable[[Image, bytes, str], str | None] | None = None,
+    ) -> None:
         self.json: dict[str, Any] = {"asset": {"version": "2.0", "generator": "nanite_rs"}, "scene": 0}
         self.body = bytearray()
         self._notes, self._path, self._packing = notes, path, packing
+        # What puts images elsewhere, and says where.
+        self._outside = outside
         self._known: dict[Any, int] = {}
         # What takes positions of meshes, as they are stored, to where they are.
         self._frames: list[NDArray[np.float64]] = []
@@ -289,7 +297,9 @@ class Document:
         if ("images", key) not in self._known:
             data, ending = image_file(texture.image, color, self._notes)
             kind = "image/png" if ending == "png" else "image/jpeg"
-            self.row("images", {"bufferView": self.view(data), "mimeType": kind}, key)
+            uri = None if self._outside is None else self._outside(texture.image, data, ending)
+            place: dict[str, Any] = {"bufferView": self.view(data)} if uri is None else {"uri": uri}
+            self.row("images", place | {"mimeType": kind}, key)
         sampler = {
             "magFilter": 9728 if texture.filter == "nearest" else 9729,
             "minFilter": MINIFICATION[texture.filter, texture.mipmaps],

@@ -202,6 +202,6 @@ class TilesReport:
     triangles: int
     """Triangles of all tiles, without those of skirts."""
     bytes: int
-    """Bytes of all contents."""
+    """Bytes of all contents, and of the images that they share."""
     median_bytes: int
     """Bytes of a content in the median."""

@@ -12,7 +12,7 @@ import pytest
 import nanite_rs as nrs
 from nanite_rs import cli
 from nanite_rs._tiles.write import MOST_ROWS
-from oracles import distance, tiles
+from oracles import data, distance, tiles
 from test_export import source
 
 FAST = nrs.BuildOptions(quality="fast")
@@ -401,3 +401,61 @@ def test_the_command(tmp_path, capsys) -> None:
     assert "kB in the median" in out
     assert cli.main(["tiles", "shape:torus_knot:20000", "-o", str(folder), "-q"]) == 1
     assert "holds a tileset" in capsys.readouterr().err
+
+
+def test_images_that_tiles_share_are_files(tmp_path) -> None:
+    """A texture that repeats is there once, as it was encoded."""
+    import io
+
+    import PIL.Image
+
+    pixels = np.random.default_rng(3).integers(0, 256, (96, 96, 3), dtype=np.uint8)
+    buffer = io.BytesIO()
+    PIL.Image.fromarray(pixels).save(buffer, format="PNG")
+    (tmp_path / "bricks.png").write_bytes(buffer.getvalue())
+    vertices, faces = nrs.shapes.displaced_icosphere(faces=8_000)
+    look = nrs.Material(base_color_texture=nrs.Texture(nrs.Image.open(tmp_path / "bricks.png")))
+    mesh = nrs.NaniteMesh.from_arrays(vertices, faces, uvs=vertices[:, :2] * 4, materials=look, options=FAST)
+    # Images are smaller where a tile cannot show more; here all can.
+    report = mesh.to_3dtiles(tmp_path / "t", triangles=1_500, pixel_error=1e6)
+    (image,) = (tmp_path / "t" / "images").iterdir()
+    assert image.read_bytes() == buffer.getvalue()
+    every = [tile for tile in tiles.every(tiles.opened(report.path)) if tile.file]
+    for tile in every:
+        assert tile.file.stat().st_size < len(buffer.getvalue())
+        assert np.array_equal(tile.source().materials[0].base_color_texture.image.pixels, pixels)
+    assert report.bytes == sum(tile.file.stat().st_size for tile in every) + len(buffer.getvalue())
+    # Scenes have their contents a folder deeper.
+    scene = nrs.Scene()
+    scene.add(mesh)
+    root = tiles.opened(scene.to_3dtiles(tmp_path / "s", triangles=1_500, pixel_error=1e6).path)
+    assert all(len(tile.source().materials) == 1 for tile in tiles.every(root) if tile.file)
+
+
+@pytest.mark.parametrize(
+    ("path", "up"),
+    [
+        ("scans/lucy_100k/lucy.ply", "z"),
+        ("scans/mountain/mountain.obj", "z"),
+        ("cad/occlusion_room/room.glb", "y"),
+        ("gltf/house_lightmap_uv2/house.glb", "y"),
+        ("scans/smithsonian_fossil_100k/USNM_1145291-150k-2048-medium-100k-2048_draco.glb", "y"),
+    ],
+)
+def test_bounds_of_real_tilesets(path, up, tmp_path) -> None:
+    """A scan, terrain, a building, a house with textures, a capture: no point is farther from the source."""
+    folder, _, name = path.rpartition("/")
+    file = data.require(folder) / name
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        mesh = nrs.NaniteMesh.from_file(file, options=FAST, progress=False)
+        report = mesh.to_3dtiles(tmp_path / "t", triangles=6_000, skirts=False, up=up)
+    cut = mesh.cut(error=0.0)
+    vertices = cut.vertices.astype(np.float64)
+    source = distance.Surface(vertices @ tiles.TURN[:3, :3].T if up == "y" else vertices, cut.faces)
+    every = [tile for tile in tiles.every(tiles.opened(report.path)) if tile.file]
+    assert len(every) > 2
+    for tile in every:
+        own = tile.surface()
+        points = np.concatenate([own[0], distance.samples(*own, 300)])
+        assert source.nearest(points)[0].max() <= tile.properties["bound"] <= tile.error

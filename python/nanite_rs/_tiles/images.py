@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 import threading
 from dataclasses import replace
@@ -11,15 +12,20 @@ import numpy as np
 
 from nanite_rs._export_parts import COLORS, Arrays, pieces, textures
 from nanite_rs._export_textures import halved, halvings, stored
+from nanite_rs._tiles.target import IMAGES
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from nanite_rs._export_parts import Piece
+    from nanite_rs._tiles.target import Target
+    from nanite_rs.material import Material
     from nanite_rs.texture import Image, Texture, Wrap
 
 MARGIN: Final = 2
 """Texels around what is shown."""
+ALONE: Final = 8192
+"""Bytes below which an image is in the file of each tile."""
 WORTH: Final = 0.7
 """An image is cut where this part of its texels, or less, is left."""
 SCATTERED: Final = 0.5
@@ -31,11 +37,30 @@ MOST_CHARTS: Final = 4096
 
 
 class Smaller:
-    """Images halved so and so often, each made once."""
+    """Images of a mesh, and these halved so and so often: each is made and written once."""
 
-    def __init__(self) -> None:
+    def __init__(self, materials: tuple[Material, ...], target: Target) -> None:
         self._known: dict[tuple[int, int, bool], tuple[Image, Image]] = {}
         self._lock = threading.Lock()
+        # By number; images that are kept have no other's.
+        self._whole = {id(texture.image) for look in materials for _, texture in textures(look)}
+        self._target, self._written = target, dict[str, int]()
+
+    @property
+    def size(self) -> int:
+        """Bytes of the images that were written."""
+        return sum(self._written.values())
+
+    def shared(self, image: Image, data: bytes, ending: str) -> str | None:
+        """Write an image that other tiles show as a whole, too; return its name beside them."""
+        if id(image) not in self._whole or len(data) < ALONE:
+            return None
+        name = f"{IMAGES}/{hashlib.sha256(data).hexdigest()[:20]}.{ending}"
+        with self._lock:
+            if name not in self._written:
+                self._target.write(name, data)
+                self._written[name] = len(data)
+        return name
 
     def of(self, image: Image, times: int, color: bool) -> Image:
         """Return a halved image."""
@@ -46,6 +71,7 @@ class Smaller:
             if key not in self._known:
                 # The image is kept, so that no other has its number.
                 self._known[key] = image, halved(image, times, color)
+                self._whole.add(id(self._known[key][1]))
             return self._known[key][1]
 
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 ROOT: Final = "tileset.json"
 """The file that viewers open; it is written last."""
-CONTENT, SUBTREES = "content", "subtrees"
+CONTENT, SUBTREES, IMAGES = "content", "subtrees", "images"
 """Folders beside it."""
 
 
@@ -65,7 +65,7 @@ def opened(folder: object, options: Mapping[str, Any] | None, overwrite: bool) -
                 if not overwrite:
                     raise _exists(url)
                 store.drop([ROOT])
-                old = (CONTENT + "/", SUBTREES + "/")
+                old = tuple(f"{name}/" for name in (CONTENT, SUBTREES, IMAGES))
                 store.drop(name for name in store.names() if name.startswith(old))
             yield _Store(url, store)
         return
@@ -74,7 +74,7 @@ def opened(folder: object, options: Mapping[str, Any] | None, overwrite: bool) -
         if not overwrite:
             raise _exists(str(path))
         (path / ROOT).unlink()
-        for name in (CONTENT, SUBTREES):
+        for name in (CONTENT, SUBTREES, IMAGES):
             shutil.rmtree(path / name, ignore_errors=True)
     try:
         path.mkdir(parents=True, exist_ok=True)

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from nanite_rs._tiles.place import Place
     from nanite_rs._tiles.target import Target
     from nanite_rs.material import Material
+    from nanite_rs.texture import Image
 
 MOST_ROWS: Final = 4096
 """Tiles of a JSON file, at most, unless it holds a single one: larger trees are several files."""
@@ -159,6 +160,8 @@ class Made:
     levels: int
     sizes: list[int]
     """Bytes of contents."""
+    shared: int
+    """Bytes of images that contents refer to."""
     triangles: int
 
 
@@ -179,7 +182,7 @@ class _Writing:
         self._tiles, self._materials, self._place, self._how = tiles, materials, place, how
         self._origin = np.array(mesh.origin)
         self._target, self._folder, self._notes = target, folder, notes
-        self._smaller = Smaller()
+        self._images = Smaller(materials, target)
         self._level, self._parent = tiles.level, tiles.parent
         self._lower, self._upper = tiles.lower, tiles.upper
         count = len(tiles)
@@ -232,7 +235,7 @@ class _Writing:
             node.close_ranks()
             node.finish()
         triangles = sum(node.triangles for node in nodes)
-        return Made(roots, len(self._tiles.levels), sizes, triangles)
+        return Made(roots, len(self._tiles.levels), sizes, self._images.size, triangles)
 
     def _take(
         self,
@@ -272,9 +275,15 @@ class _Writing:
         if shown.geodetic is not None:
             node.region = _region(shown.geodetic, bent + step)
         per_unit = self._how.pixel_error / error if error > 0.0 else None
-        surface = cropped(shown.surface, per_unit, self._smaller)
+        surface = cropped(shown.surface, per_unit, self._images)
         name = f"{self._folder}{node.level}/{number}.glb"
-        document = _export_gltf.Document(self._notes, name, self._how.packing)
+        up = "../" * name.count("/")
+
+        def outside(image: Image, data: bytes, ending: str) -> str | None:
+            own = self._images.shared(image, data, ending)
+            return None if own is None else up + own
+
+        document = _export_gltf.Document(self._notes, name, self._how.packing, outside)
         pose = np.eye(4)
         pose[:3, 3] = -grid.origin
         document.place(document.mesh(surface, grid), TURN_BACK @ pose)
@@ -432,6 +441,6 @@ def report(target: Target, made: Sequence[Made]) -> TilesReport:
         tiles=len(sizes),
         levels=max((own.levels for own in made), default=0),
         triangles=sum(own.triangles for own in made),
-        bytes=sum(sizes),
+        bytes=sum(sizes) + sum(own.shared for own in made),
         median_bytes=int(np.median(sizes)) if sizes else 0,
     )
