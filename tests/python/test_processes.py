@@ -184,6 +184,68 @@ def test_builds_in_blocks_and_files_of_any_kind_work_in_a_forked_child(tmp_path)
     assert set(out.split("\n")) == {"ok", ""}, out
 
 
+def test_exports_work_in_children_of_every_start(tmp_path) -> None:
+    """Levels, scenes, compressed glTF, tiles, fragments for neuroglancer: the same bytes everywhere."""
+    pytest.importorskip("DracoPy")
+    out = run(
+        """
+        opened, shown = nrs.NaniteMesh.open(file), scene_of(mesh)
+
+        def content(folder):
+            names = sorted(path for path in pathlib.Path(folder).rglob("*") if path.is_file())
+            return digest(*(np.frombuffer(path.read_bytes(), np.uint8) for path in names)), len(names)
+
+        def written(write):
+            import shutil, uuid
+            folder = f"out-{uuid.uuid4().hex}"
+            os.mkdir(folder)
+            write(folder)
+            found = content(folder)
+            shutil.rmtree(folder)
+            return found
+
+        calls = {
+            "levels": lambda: written(lambda to: mesh.export(f"{to}/a.glb", levels=[1, 0.1])),
+            "meshopt": lambda: written(lambda to: mesh.export(f"{to}/a.glb", compression="meshopt")),
+            "scene": lambda: written(lambda to: shown.export(f"{to}/a.glb", error=0.01)),
+            "tiles": lambda: written(lambda to: mesh.to_3dtiles(to, triangles=3_000, workers=3)),
+            "tiles of a file": lambda: written(
+                lambda to: nrs.NaniteMesh.open(file).to_3dtiles(to, triangles=3_000)
+            ),
+            "tiles opened before": lambda: written(lambda to: opened.to_3dtiles(to, triangles=3_000)),
+            "tiles of a scene": lambda: written(lambda to: shown.to_3dtiles(to, triangles=3_000)),
+            "fragments": lambda: written(lambda to: mesh.to_neuroglancer(to, 1, triangles=3_000)),
+        }
+        same_on_both_sides(calls)
+        """,
+        tmp_path,
+    )
+    assert set(out.split("\n")) == {"ok", ""}, out
+    script = tmp_path / "spawned.py"
+    script.write_text(
+        HEAD.replace("mesh.save(file)", 'if __name__ == "__main__": mesh.save(file)')
+        + textwrap.dedent("""
+        def tiled(mesh):
+            folder = f"t-{os.getpid()}-{threading.get_ident()}"
+            mesh.to_3dtiles(folder, triangles=3_000, overwrite=True)
+            names = sorted(path for path in pathlib.Path(folder).rglob("*") if path.is_file())
+            return digest(*(np.frombuffer(path.read_bytes(), np.uint8) for path in names))
+
+        if __name__ == "__main__":
+            import concurrent.futures
+            want = tiled(mesh)
+            for method in ("fork", "spawn", "forkserver"):
+                context = multiprocessing.get_context(method)
+                with concurrent.futures.ProcessPoolExecutor(2, mp_context=context) as pool:
+                    print(method, set(pool.map(tiled, [mesh, mesh])) == {want})
+        """)
+    )
+    done = subprocess.run(
+        [sys.executable, script], check=False, cwd=tmp_path, capture_output=True, text=True, timeout=300
+    )
+    assert done.stdout.split() == ["fork", "True", "spawn", "True", "forkserver", "True"], done.stderr
+
+
 def test_threads_of_openimageio_that_are_the_parents_are_an_error(tmp_path) -> None:
     """Whoever imports it first may have made them; one who has none goes on."""
     out = run(
