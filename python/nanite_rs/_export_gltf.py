@@ -14,6 +14,7 @@ from nanite_rs import _core
 from nanite_rs._asset import GLTF_SLOTS, LINES, MINIFICATION, POINTS, WRAPS, Notes, rigid
 from nanite_rs._export_packing import Grid, Packing, texture_coordinates
 from nanite_rs._export_parts import COLORS, image_file, image_key, near, pieces, textures, translation
+from nanite_rs._export_textures import encoded_as
 from nanite_rs.exceptions import FormatError
 from nanite_rs.light import DirectionalLight, SpotLight
 
@@ -22,11 +23,13 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from nanite_rs._export_packing import ImageFormat
     from nanite_rs._export_parts import Surface
     from nanite_rs.light import Light
     from nanite_rs.material import Material
     from nanite_rs.texture import Image, Texture
 
+_MIME: Final = {"png": "image/png", "jpg": "image/jpeg", "webp": "image/webp"}
 _WRAP_NUMBERS: Final[dict[str, int]] = {wrap: number for number, wrap in WRAPS.items()}
 
 
@@ -38,11 +41,13 @@ class Document:
         notes: Notes,
         path: str,
         packing: Packing | None = None,
+        images: ImageFormat | None = None,
         outside: Callable[[Image, bytes, str], str | None] | None = None,
     ) -> None:
         self.json: dict[str, Any] = {"asset": {"version": "2.0", "generator": "nanite_rs"}, "scene": 0}
         self.body = bytearray()
         self._notes, self._path, self._packing = notes, path, packing
+        self._images = images
         # What puts images elsewhere, and says where.
         self._outside = outside
         self._known: dict[Any, int] = {}
@@ -293,10 +298,14 @@ class Document:
 
     def _texture(self, texture: Texture, slot: str) -> dict[str, Any]:
         color = slot in COLORS
-        key = image_key(texture.image, slot)
+        # What colours may lose, normals may not.
+        key = *image_key(texture.image, slot), self._images is not None and color
         if ("images", key) not in self._known:
-            data, ending = image_file(texture.image, color, self._notes)
-            kind = "image/png" if ending == "png" else "image/jpeg"
+            if self._images is None:
+                data, ending = image_file(texture.image, color, self._notes)
+            else:
+                data, ending = encoded_as(self._images, texture.image, color, self._notes)
+            kind = _MIME[ending]
             uri = None if self._outside is None else self._outside(texture.image, data, ending)
             place: dict[str, Any] = {"bufferView": self.view(data)} if uri is None else {"uri": uri}
             self.row("images", place | {"mimeType": kind}, key)
@@ -306,11 +315,15 @@ class Document:
             "wrapS": _WRAP_NUMBERS[texture.wrap[0]],
             "wrapT": _WRAP_NUMBERS[texture.wrap[1]],
         }
-        fields = {
-            "source": self._known["images", key],
-            "sampler": self.row("samplers", sampler, tuple(sampler.values())),
-        }
-        out: dict[str, Any] = {"index": self.row("textures", fields, tuple(fields.values()))}
+        source = {"source": self._known["images", key]}
+        fields: dict[str, Any] = {"sampler": self.row("samplers", sampler, tuple(sampler.values()))}
+        known = *source.values(), *fields.values()
+        if self.json["images"][source["source"]]["mimeType"] == _MIME["webp"]:
+            fields["extensions"] = self.extension("EXT_texture_webp", source)
+            self._required.add("EXT_texture_webp")
+        else:
+            fields |= source
+        out: dict[str, Any] = {"index": self.row("textures", fields, known)}
         if texture.uv_set:
             out["texCoord"] = texture.uv_set
         transform = {

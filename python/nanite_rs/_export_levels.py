@@ -11,7 +11,7 @@ import numpy as np
 
 from nanite_rs import _checks, _export, _export_gltf
 from nanite_rs._asset import Notes
-from nanite_rs._export_packing import Grid, Packing
+from nanite_rs._export_packing import Grid, Packing, image_format
 from nanite_rs._export_textures import fitted
 from nanite_rs.exceptions import ArgumentError, DtypeError
 
@@ -37,10 +37,11 @@ def export(
     pixel_error: float,
     fit_textures: bool,
     compression: object,
+    images: object,
 ) -> list[str]:
     """Write cuts; return the paths of the files."""
     ending = _export.ending_of(path)
-    packing = Packing.of(compression, ending)
+    packing, kind = Packing.of(compression, ending), image_format(images, ending)
     cuts = _cuts(mesh, levels, errors)
     if not pixel_error > 0.0:
         raise ArgumentError(f"pixel_error: must be positive, not {pixel_error}")
@@ -55,10 +56,15 @@ def export(
             raise ArgumentError(f"export: .{ending} files hold one level; give separate=True")
         names = [path] if len(cuts) == 1 else [_name(path, k) for k in range(len(cuts))]
         for name, surface in zip(names, surfaces, strict=True):
-            _export.write(_export.files_of(surface, name, notes, packing))
+            if ending in ("glb", "gltf"):
+                single = _export_gltf.Document(notes, name, packing, kind)
+                single.place(single.mesh(surface), np.eye(4))
+                _export.write(single.files())
+            else:
+                _export.write(_export.files_of(surface, name, notes))
         notes.warn(path)
         return names
-    document = _export_gltf.Document(notes, path, packing)
+    document = _export_gltf.Document(notes, path, packing, kind)
     moved = 0.0 if packing is None else max(Grid.around(cut.vertices).moved for cut in cuts)
     bounds = [float(np.nextafter(cut.error + moved, np.inf)) if moved else cut.error for cut in cuts]
     extras: list[dict[str, Any]] = [

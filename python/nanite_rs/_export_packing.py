@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 Compression = Literal["quantized", "meshopt", "meshopt-khr"]
 """How glTF is made smaller."""
 
+ImageFormat = Literal["jpeg", "png", "webp"]
+"""What the images of glTF may be encoded as."""
+
 POSITION_STEPS: Final = 65_534
 """Steps of a quantized position along an axis, at most."""
 FLOAT_STEPS: Final = 1 << 24
@@ -89,6 +92,18 @@ class Packing:
         if self.extension is None:
             return np.rint(normals * 127.0).astype(np.int8), None
         return _core.pack_directions(np.ascontiguousarray(normals, np.float32)), "OCTAHEDRAL"
+
+
+def image_format(images: object, ending: str) -> ImageFormat | None:
+    """Check what images are to be encoded as."""
+    if images is None:
+        return None
+    if images not in get_args(ImageFormat):
+        known = ", ".join(map(repr, get_args(ImageFormat)))
+        raise ArgumentError(f"images: expected None, {known}, not {images!r}")
+    if ending not in ("glb", "gltf"):
+        raise ArgumentError(f"images: for glTF; .{ending} files have them as they are")
+    return images  # type: ignore[return-value]
 
 
 def texture_coordinates(rows: NDArray[np.float32]) -> NDArray[Any]:

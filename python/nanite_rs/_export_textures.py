@@ -10,19 +10,21 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from nanite_rs import _colors
-from nanite_rs._export_parts import COLORS, Arrays, pieces, textures
+from nanite_rs._export_parts import COLORS, Arrays, integers, pieces, png, textures
 from nanite_rs._images import JPEG
 from nanite_rs.texture import Image
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from nanite_rs._asset import Notes
+    from nanite_rs._export_packing import ImageFormat
     from nanite_rs._export_parts import Piece, Surface
     from nanite_rs.material import Material
     from nanite_rs.texture import Texture
 
 QUALITY: Final = 92
-"""Of JPEG, where the image was one."""
+"""Of JPEG, and of colours as WebP."""
 
 
 def fitted(surface: Surface, per_unit: float) -> Surface:
@@ -81,12 +83,41 @@ def stored(pixels: NDArray[Any], file: bytes | None) -> Image:
     """Return an image of what was made of another one: a JPEG where that was one."""
     if file is None or not file.startswith(JPEG) or pixels.dtype != np.uint8 or pixels.shape[2] not in (1, 3):
         return Image(pixels)
+    return Image._read(_saved(pixels, format="JPEG", quality=QUALITY, subsampling=0), "image")
+
+
+def encoded_as(kind: ImageFormat, image: Image, color: bool, notes: Notes) -> tuple[bytes, str]:
+    """Return an image in a format, and its ending. WebP and PNG hold what is no colour without loss.
+
+    JPEG has no alpha: an image that needs it is PNG. Neither JPEG nor WebP have 16 bits.
+    """
+    pixels = integers(image, color, notes)
+    if kind == "png":
+        return png(pixels), "png"
+    if kind == "jpeg" and image._alpha_varies():
+        notes.add("images as JPEG, which has no alpha: they are PNG")
+        return png(pixels), "png"
+    if pixels.dtype == np.uint16:
+        notes.add("images of more than 8 bits")
+        pixels = np.rint(pixels / 257.0).astype(np.uint8)
+    count = pixels.shape[2]
+    if count in (2, 4):
+        # Grey and alpha are as three colours and alpha.
+        bright = np.repeat(pixels[..., :1], 3, axis=2) if count == 2 else pixels[..., :3]
+        pixels = bright if kind == "jpeg" else np.concatenate([bright, pixels[..., -1:]], axis=2)
+    if kind == "jpeg":
+        return _saved(pixels, format="JPEG", quality=QUALITY, subsampling=0), "jpg"
+    if count == 1:
+        pixels = np.repeat(pixels, 3, axis=2)
+    return _saved(pixels, format="WEBP", quality=QUALITY, lossless=not color, exact=True, method=4), "webp"
+
+
+def _saved(pixels: NDArray[Any], **how: Any) -> bytes:
     from PIL import Image as Pillow
 
     buffer = BytesIO()
-    picture = Pillow.fromarray(pixels[..., 0] if pixels.shape[2] == 1 else pixels)
-    picture.save(buffer, format="JPEG", quality=QUALITY, subsampling=0)
-    return Image._read(buffer.getvalue(), "image")
+    Pillow.fromarray(pixels[..., 0] if pixels.shape[2] == 1 else pixels).save(buffer, **how)
+    return buffer.getvalue()
 
 
 def _averaged(pixels: NDArray[Any], size: tuple[int, int], color: bool) -> NDArray[Any]:

@@ -32,7 +32,7 @@ from nanite_rs import (
     io,
     shapes,
 )
-from nanite_rs._export_packing import Compression
+from nanite_rs._export_packing import Compression, ImageFormat
 from nanite_rs._preview import BACKGROUND, CLAY, UP, picture
 from nanite_rs.exceptions import ArgumentError, NaniteError
 from nanite_rs.frame import ViewName
@@ -288,6 +288,7 @@ def _tiles(arguments: argparse.Namespace) -> int:
     chosen: dict[str, Any] = {
         "triangles": arguments.triangles,
         "compression": None if arguments.compression == "none" else arguments.compression,
+        "images": arguments.images,
         "skirts": not arguments.no_skirts,
         "pixel_error": arguments.pixel_error,
         "up": arguments.up,
@@ -689,6 +690,9 @@ def _add_tiles(commands: Any) -> None:
     sub.add_argument("--triangles", type=int, default=30_000, metavar="N", help="of a tile, about (30000)")
     names = [*get_args(Compression), "none"]
     sub.add_argument("--compression", choices=names, default="meshopt", help="of contents (meshopt)")
+    sub.add_argument(
+        "--images", choices=get_args(ImageFormat), help="what images are encoded as (as they were)"
+    )
     sub.add_argument("--no-skirts", action="store_true", help="no strips along the planes between tiles")
     sub.add_argument(
         "--pixel-error", type=float, default=16.0, metavar="P", help="that viewers allow: for images (16)"

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     import trimesh
     from numpy.typing import ArrayLike, NDArray
 
-    from nanite_rs._export_packing import Compression
+    from nanite_rs._export_packing import Compression, ImageFormat
     from nanite_rs.material import Look
     from nanite_rs.report import TilesReport
     from nanite_rs.stats import TrafficStats
@@ -593,6 +593,7 @@ class NaniteMesh(Geometry):
         pixel_error: float = 1.0,
         fit_textures: bool | None = None,
         compression: Compression | None = None,
+        images: ImageFormat | None = None,
     ) -> list[str]:
         """Write levels of detail for other programs: one glTF file with all of them, or a file for each.
 
@@ -622,6 +623,9 @@ class NaniteMesh(Geometry):
             default levels of one file share the images of the first, and those of separate files are fitted.
         compression : {None, "quantized", "meshopt", "meshopt-khr"}
             How glTF is made smaller, as for `Cut.export`. Errors in ``extras`` have what it moves vertices by.
+        images : {None, "jpeg", "png", "webp"}
+            What images of glTF are encoded as; by default they stay as they were. "webp"
+            (``EXT_texture_webp``) has normals and the like without loss.
 
         Returns
         -------
@@ -647,7 +651,9 @@ class NaniteMesh(Geometry):
         pixel_error = _checks.number(pixel_error, "pixel_error")
         fit = separate if fit_textures is None else _checks.truth(fit_textures, "fit_textures")
         path = _checks.path_of(path)
-        return _export_levels.export(self, path, levels, errors, separate, pixel_error, fit, compression)
+        return _export_levels.export(
+            self, path, levels, errors, separate, pixel_error, fit, compression, images
+        )
 
     def to_3dtiles(
         self,
@@ -655,6 +661,7 @@ class NaniteMesh(Geometry):
         *,
         triangles: int = 30_000,
         compression: Compression | None = "meshopt",
+        images: ImageFormat | None = None,
         skirts: bool = True,
         pixel_error: float = 16.0,
         up: Literal["y", "z"] | None = None,
@@ -688,6 +695,8 @@ class NaniteMesh(Geometry):
             Triangles of a tile, about, at most.
         compression : {"meshopt", "quantized", "meshopt-khr", None}
             As for `Cut.export`. Positions are rounded to one grid for each level.
+        images : {None, "jpeg", "png", "webp"}
+            As for `export`.
         skirts : bool
             Whether tiles have skirts.
         pixel_error : float
@@ -736,7 +745,7 @@ class NaniteMesh(Geometry):
         """
         from nanite_rs._tiles import of_mesh
 
-        how = of_mesh.how(triangles, compression, skirts, pixel_error, preview, workers)
+        how = of_mesh.how(triangles, compression, images, skirts, pixel_error, preview, workers)
         return of_mesh.export(self, folder, how, up, crs, transform, storage_options, overwrite, progress)
 
     def to_neuroglancer(

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
     from nanite_rs import io
     from nanite_rs._checks import Color, Rgb
-    from nanite_rs._export_packing import Compression
+    from nanite_rs._export_packing import Compression, ImageFormat
     from nanite_rs._progress import Progress
     from nanite_rs.report import TilesReport
 
@@ -573,6 +573,7 @@ class Scene(_advice.Teaching):
         *,
         triangles: int = 30_000,
         compression: Compression | None = "meshopt",
+        images: ImageFormat | None = None,
         skirts: bool = True,
         pixel_error: float = 16.0,
         up: Literal["y", "z"] | None = None,
@@ -591,7 +592,7 @@ class Scene(_advice.Teaching):
         ----------
         folder : path or URL
             Where the files go; it is made if need be.
-        triangles, compression, skirts, pixel_error, preview, workers, overwrite, storage_options, progress
+        triangles, compression, images, skirts, pixel_error, preview, workers, overwrite, storage_options, progress
             As for `NaniteMesh.to_3dtiles`.
         up : {"y", "z"}, optional
             Which axis of the world points up: y by default, as in glTF.
@@ -615,7 +616,7 @@ class Scene(_advice.Teaching):
         """
         from nanite_rs._tiles import of_mesh, of_scene
 
-        how = of_mesh.how(triangles, compression, skirts, pixel_error, preview, workers)
+        how = of_mesh.how(triangles, compression, images, skirts, pixel_error, preview, workers)
         return of_scene.export(self, folder, how, up, storage_options, overwrite, progress)
 
     @property

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -241,3 +242,37 @@ def test_formats_of_one_level(tmp_path) -> None:
     mesh = nrs.NaniteMesh.from_arrays(*nrs.shapes.icosphere(faces=80))
     with pytest.raises(nrs.ArgumentError, match=r"\.ply files hold one level; give separate=True"):
         mesh.export(tmp_path / "a.ply", levels=[1.0, 0.5])
+
+
+@pytest.mark.parametrize("kind", ["jpeg", "png", "webp"])
+def test_images_as_other_files(kind, tmp_path) -> None:
+    mesh = source()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        assert mesh.export(tmp_path / "a.gltf", levels=[1.0, 0.2], images=kind) == [str(tmp_path / "a.gltf")]
+    found = document(tmp_path / "a.gltf")
+    kinds = {image["mimeType"] for image in found["images"]}
+    # The second image has holes.
+    assert kinds == ({"image/jpeg", "image/png"} if kind == "jpeg" else {f"image/{kind}"})
+    assert ("EXT_texture_webp" in found.get("extensionsRequired", [])) == (kind == "webp")
+    looks = nrs.NaniteMesh.from_file(tmp_path / "a.gltf").materials
+    for look, own in zip(mesh.materials, looks, strict=True):
+        for slot in ("base_color_texture", "normal_texture"):
+            texture, other = getattr(look, slot), getattr(own, slot)
+            assert (texture is None) == (other is None)
+            if texture is not None:
+                a, b = texture.image.pixels.astype(int), other.image.pixels.astype(int)
+                off = np.abs(a - b[..., : a.shape[2]])
+                # Noise is the worst for JPEG and WebP.
+                assert off.mean() < 60
+                assert kind == "jpeg" or slot == "base_color_texture" or off.max() == 0
+
+
+def test_images_of_a_single_level_and_mistakes(tmp_path) -> None:
+    mesh = source()
+    mesh.export(tmp_path / "a.glb", images="webp", compression="meshopt")
+    assert len(nrs.NaniteMesh.from_file(tmp_path / "a.glb").materials) == 2
+    with pytest.raises(nrs.ArgumentError, match="images: expected None, 'jpeg', 'png', 'webp'"):
+        mesh.export(tmp_path / "a.glb", images="avif")
+    with pytest.raises(nrs.ArgumentError, match=r"images: for glTF; \.obj files have them as they are"):
+        mesh.export(tmp_path / "a.obj", images="webp")

@@ -425,6 +425,10 @@ def test_images_that_tiles_share_are_files(tmp_path) -> None:
         assert tile.file.stat().st_size < len(buffer.getvalue())
         assert np.array_equal(tile.source().materials[0].base_color_texture.image.pixels, pixels)
     assert report.bytes == sum(tile.file.stat().st_size for tile in every) + len(buffer.getvalue())
+    small = mesh.to_3dtiles(tmp_path / "w", triangles=1_500, pixel_error=1e6, images="webp")
+    (image,) = (tmp_path / "w" / "images").iterdir()
+    assert image.suffix == ".webp"
+    assert tiles.every(tiles.opened(small.path))[0].source().materials[0].base_color_texture is not None
     # Scenes have their contents a folder deeper.
     scene = nrs.Scene()
     scene.add(mesh)

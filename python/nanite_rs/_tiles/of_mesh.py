@@ -8,7 +8,7 @@ import numpy as np
 
 from nanite_rs import _checks, _core
 from nanite_rs._asset import Notes
-from nanite_rs._export_packing import Packing
+from nanite_rs._export_packing import Packing, image_format
 from nanite_rs._progress import reporter
 from nanite_rs._tiles import write
 from nanite_rs._tiles.target import CONTENT, opened
@@ -28,6 +28,7 @@ FEWEST: Final = 256
 def how(
     triangles: int,
     compression: object,
+    images: object,
     skirts: bool,
     pixel_error: float,
     preview: bool,
@@ -40,6 +41,7 @@ def how(
     return write.How(
         triangles=_checks.whole(triangles, "triangles", FEWEST, 1 << 24),
         packing=Packing.of(compression, "glb"),
+        images=image_format(images, "glb"),
         skirts=_checks.truth(skirts, "skirts"),
         pixel_error=pixels,
         preview=_checks.truth(preview, "preview"),

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from nanite_rs import _core, _export_gltf
-from nanite_rs._export_packing import FLOAT_STEPS, POSITION_STEPS, Grid, Packing
+from nanite_rs._export_packing import FLOAT_STEPS, POSITION_STEPS, Grid, ImageFormat, Packing
 from nanite_rs._tiles.content import content
 from nanite_rs._tiles.images import Smaller, cropped
 from nanite_rs._tiles.place import TURN, Globe, Upright
@@ -80,6 +80,7 @@ class How:
 
     triangles: int
     packing: Packing | None
+    images: ImageFormat | None
     skirts: bool
     pixel_error: float
     preview: bool
@@ -283,7 +284,7 @@ class _Writing:
             own = self._images.shared(image, data, ending)
             return None if own is None else up + own
 
-        document = _export_gltf.Document(self._notes, name, self._how.packing, outside)
+        document = _export_gltf.Document(self._notes, name, self._how.packing, self._how.images, outside)
         pose = np.eye(4)
         pose[:3, 3] = -grid.origin
         document.place(document.mesh(surface, grid), TURN_BACK @ pose)
