@@ -96,9 +96,9 @@ def _status(process: int, key: str) -> int:
     return 1024 * int(line.split()[1]) if line else 0
 
 
-def child(task: str, given: dict[str, Any]) -> dict[str, Any]:
-    """Run a task of this file in a process of its own; adds the largest memory sampled."""
-    command = [sys.executable, "-m", "benchmarks.python.blocks", task, json.dumps(given)]
+def child(task: str, given: dict[str, Any], module: str = "blocks") -> dict[str, Any]:
+    """Run a task of a benchmark in a process of its own; adds the largest memory sampled."""
+    command = [sys.executable, "-m", f"benchmarks.python.{module}", task, json.dumps(given)]
     with subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=ROOT
     ) as process:
@@ -119,7 +119,7 @@ def child(task: str, given: dict[str, Any]) -> dict[str, Any]:
 
 def build(given: dict[str, Any]) -> dict[str, Any]:
     """Build a file, with a limit of memory or without."""
-    _ready()
+    ready()
     options = nrs.BuildOptions(quality=given["quality"], threads=given["threads"])
     with contextlib.ExitStack() as stack:
         if given["memory"]:
@@ -154,7 +154,7 @@ def _status_of_self(key: str) -> int:
 
 def look(given: dict[str, Any]) -> dict[str, Any]:
     """Open a file, check it and cut it."""
-    _ready()
+    ready()
     start = time.perf_counter()
     mesh = nrs.NaniteMesh.open(given["target"])
     checked = mesh.check()
@@ -173,7 +173,7 @@ def look(given: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _ready() -> None:
+def ready() -> None:
     """Wait until the parent has seen what a process has before it begins."""
     print("ready", flush=True)
     sys.stdin.readline()
