@@ -1,7 +1,8 @@
 """3D Tiles of files: time and memory against triangles, beside the build of the file.
 
-``python -m benchmarks.python.tiles --faces 5e6 20e6``. The source is the generated scan of ``blocks``. Building and tiling run
-in processes of their own; the largest ``RssAnon`` is sampled, beyond what a process has with the modules loaded.
+``python -m benchmarks.python.tiles --faces 5e6 20e6``. The source is the generated scan of ``blocks``. Building and
+tiling run in processes of their own; the largest ``RssAnon`` is sampled, beyond what a process has with the modules
+loaded.
 """
 
 from __future__ import annotations
@@ -69,8 +70,8 @@ def main() -> None:
         f"# 3D Tiles, {tables.today()}",
         "",
         f"`python -m benchmarks.python.tiles {' '.join(sys.argv[1:])}`.",
-        f"{here['processor']}, {here['cores']} cores, {here['memory_gib']} GiB. A generated scan, closed; its file was",
-        f'built in memory with `quality="{asked.quality}"`, and tiled as it was opened, by default options.',
+        f"{here['processor']}, {here['cores']} cores, {here['memory_gib']} GiB. A generated scan, closed; its file",
+        f'was built in memory with `quality="{asked.quality}"`, and tiled as it was opened, by default options.',
         f"Peak: `RssAnon` beyond what loading the modules took, every {SAMPLED * 1000:.0f} ms. One run each.",
         "",
         tables.table(rows),
