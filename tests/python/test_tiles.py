@@ -286,6 +286,24 @@ def test_reference_systems(tmp_path) -> None:
         mesh.to_3dtiles(tmp_path / "u", crs="EPSG:32632", up="y")
 
 
+def test_tiles_across_the_antimeridian_have_boxes(tmp_path) -> None:
+    pytest.importorskip("pyproj")
+    vertices, faces = terrain(60)
+    # Zone 60 ends at 180 degrees: half of this lies beyond.
+    mesh = nrs.NaniteMesh.from_arrays(
+        vertices + np.array([833_978.6 - 685_000.0, -5_230_000.0, 0.0]), faces, options=FAST
+    )
+    root = tiles.opened(mesh.to_3dtiles(tmp_path / "t", triangles=1_000, crs="EPSG:32660").path)
+    kinds = [next(iter(tile.row["boundingVolume"])) for tile in tiles.every(root)]
+    assert kinds[0] == "box"
+    assert set(kinds) == {"box", "region"}
+    for tile in tiles.every(root):
+        if "box" in tile.row["boundingVolume"]:
+            corners, (vertices, _) = tile.corners(), tile.surface()
+            assert (vertices >= corners.min(axis=0) - 1e-6).all()
+            assert (vertices <= corners.max(axis=0) + 1e-6).all()
+
+
 def test_large_coordinates_keep_their_digits(tmp_path) -> None:
     vertices, faces = nrs.shapes.displaced_icosphere(faces=8_000)
     shift = np.array([4_500_000.25, 5_400_000.5, 300.0])

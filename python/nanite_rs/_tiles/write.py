@@ -114,20 +114,21 @@ class Node:
         self.children = rows
 
     def finish(self) -> None:
-        """Enclose children, whose errors are no larger."""
+        """Enclose children, whose errors are no larger. There is a region where all of them have one."""
         self.geometric_error = max([self.bound, *(child.geometric_error for child in self.children)])
-        for child in self.children:
-            if child.lower is None or child.upper is None:
-                continue
-            self.lower = child.lower if self.lower is None else np.minimum(self.lower, child.lower)
-            self.upper = child.upper if self.upper is None else np.maximum(self.upper, child.upper)
-            if child.region is not None:
-                self.region = child.region if self.region is None else _union(self.region, child.region)
+        parts = [one for one in (self, *self.children) if one.lower is not None]
+        if parts:
+            self.lower = np.min([one.lower for one in parts if one.lower is not None], axis=0)
+            self.upper = np.max([one.upper for one in parts if one.upper is not None], axis=0)
+            regions = [one.region for one in parts if one.region is not None]
+            self.region = _around(regions) if len(regions) == len(parts) else None
 
 
-def _union(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    low, high = np.minimum(a, b), np.maximum(a, b)
-    return np.array([low[0], low[1], high[2], high[3], low[4], high[5]])
+def _around(regions: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
+    """Return the region around regions: west, south, east, north, lowest, highest."""
+    low, high = np.min(regions, axis=0), np.max(regions, axis=0)
+    out: NDArray[np.float64] = np.where([True, True, False, False, True, False], low, high)
+    return out
 
 
 def place_of(up: object, crs: object) -> Place:
@@ -236,6 +237,7 @@ class _Writing:
             node.close_ranks()
             node.finish()
         triangles = sum(node.triangles for node in nodes)
+        roots = [root for root in roots if root.uri or root.children]
         return Made(roots, len(self._tiles.levels), sizes, self._images.size, triangles)
 
     def _take(
