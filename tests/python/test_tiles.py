@@ -481,3 +481,32 @@ def test_bounds_of_real_tilesets(path, up, tmp_path) -> None:
         own = tile.surface()
         points = np.concatenate([own[0], distance.samples(*own, 300)])
         assert source.nearest(points)[0].max() <= tile.properties["bound"] <= tile.error
+
+
+def test_what_moves_is_written_as_it_stands(tmp_path) -> None:
+    """A mesh that joints move, and one without levels, in a scene."""
+    vertices, faces = nrs.shapes.displaced_icosphere(faces=6_000)
+    bend = (vertices[:, 2] > 0.0).astype(np.float32)
+    rest = nrs.NaniteMesh.from_arrays(
+        vertices, faces, channels={"weights": np.stack([1.0 - bend, bend], axis=1)}, options=FAST
+    )
+    skinned = nrs.SkinnedMesh(rest, channel="weights")
+    matrices = np.stack([np.eye(4), np.eye(4)])
+    matrices[1, :3, 3] = 0.0, 0.0, 2.0
+    skinned.pose(matrices)
+    scene = nrs.Scene()
+    scene.add(skinned)
+    shift = np.eye(4)
+    shift[0, 3] = 10.0
+    scene.add(nrs.TriangleMesh(vertices, faces), pose=shift)
+    root = tiles.opened(scene.to_3dtiles(tmp_path / "t", triangles=2_000, **EXACT).path)
+    posed, plain = root.children
+    where = skinned.cut(error=0.0)
+    known = [(posed, where.vertices, where.faces, 0.0), (plain, vertices, faces, 10.0)]
+    for child, points, corners, offset in known:
+        leaves = [tile for tile in tiles.every(child) if not tile.children]
+        for own, _ in contents(leaves):
+            local = own @ tiles.TURN[:3, :3] - (offset, 0.0, 0.0)
+            assert distance.to_surface(local, points.astype(np.float64), corners).max() < 1e-5
+    top = max((own @ tiles.TURN[:3, :3])[:, 2].max() for own, _ in contents(tiles.every(posed)))
+    assert top > 2.5

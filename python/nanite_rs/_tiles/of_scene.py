@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from nanite_rs._progress import Progress
+    from nanite_rs.cut import Cut
     from nanite_rs.report import TilesReport
     from nanite_rs.scene import MeshNode, Scene
 
@@ -90,13 +91,25 @@ def export(
 
 
 def _core_of(node: MeshNode) -> _core.Mesh:
-    """Return the levels of a mesh; one without any gets some."""
+    """Return the levels of a mesh; one without any gets some, and one that joints move those of its pose."""
     mesh = node.mesh
+    if isinstance(mesh, NaniteMesh):
+        core: _core.Mesh = mesh._core
+        return core
     if isinstance(mesh, TriangleMesh):
         _, (vertices, faces, arrays) = mesh._parts()
-        return NaniteMesh.from_arrays(vertices, faces, **arrays, progress=False)._core
-    core: _core.Mesh = mesh._core
-    return core
+    else:
+        cut: Cut = mesh.cut(error=0.0)
+        vertices, faces = cut.vertices, cut.faces
+        arrays = {
+            "normals": cut.normals,
+            "colors": cut.fine_colors,
+            "uvs": cut.uvs or None,
+            "channels": cut._vertex_channels,
+            "face_materials": cut.face_materials,
+            "face_channels": dict(cut.face_channels),
+        }
+    return NaniteMesh.from_arrays(vertices, faces, **arrays, progress=False)._core
 
 
 def _placed(json: write.Json, root: write.Node, pose: NDArray[np.float64]) -> dict[str, Any]:
