@@ -69,7 +69,8 @@ def export(
         raise ArgumentError(f"transform: expected a (4, 4) matrix of finite numbers, found {pose.shape}")
     notes = Notes()
     with opened(folder, options, overwrite) as target, reporter(progress, "tiling") as report:
-        made = write.tree(mesh._core, mesh._materials, place, how, target, f"{CONTENT}/", notes, report)
+        writing = write.Writing(mesh._core, mesh._materials, place, how, target, f"{CONTENT}/", notes)
+        made = writing.run(report)
         root, json = write.whole(made.roots), write.Json(target, crs is not None)
         row = json.row(root, np.zeros(3))
         if transform is not None:

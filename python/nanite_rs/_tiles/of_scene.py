@@ -63,9 +63,10 @@ def export(
             look = several(node.material, "material")
             key = id(node.mesh), look
             if key not in made:
-                own = write.tree(
-                    _core_of(node), look, place, how, target, f"{CONTENT}/{len(made)}/", notes, report
+                writing = write.Writing(
+                    _core_of(node), look, place, how, target, f"{CONTENT}/{len(made)}/", notes
                 )
+                own = writing.run(report)
                 made[key] = own, write.whole(own.roots)
             root = made[key][1]
             pose = turn @ node.pose @ turn.T

@@ -140,20 +140,6 @@ def place_of(up: object, crs: object) -> Place:
     return Globe(crs)
 
 
-def tree(
-    mesh: _core.Mesh,
-    materials: tuple[Material, ...],
-    place: Place,
-    how: How,
-    target: Target,
-    folder: str,
-    notes: Notes,
-    progress: Callable[[int, int], object] | None,
-) -> Made:
-    """Write the tiles of a mesh; return the roots of their tree."""
-    return _Writing(mesh, materials, place, how, target, folder, notes).run(progress)
-
-
 @dataclass(frozen=True)
 class Made:
     """What was written of a mesh."""
@@ -167,8 +153,8 @@ class Made:
     triangles: int
 
 
-class _Writing:
-    """The tiles of a mesh on their way into files."""
+class Writing:
+    """The tiles of a mesh on their way into files, in a folder of a target."""
 
     def __init__(
         self,
@@ -211,7 +197,7 @@ class _Writing:
         return out
 
     def run(self, progress: Callable[[int, int], object] | None) -> Made:
-        """Write all, several at a time."""
+        """Write all, several at a time; return the roots of their tree."""
         count = len(self._tiles)
         nodes: list[Node] = []
         sizes: list[int] = []
