@@ -285,13 +285,16 @@ def _cut(arguments: argparse.Namespace) -> int:
 
 def _tiles(arguments: argparse.Namespace) -> int:
     folder = arguments.output or f"{_stem(arguments.input)}_tiles"
+    up = arguments.up
+    if up is None and arguments.crs is None and arguments.input.lower().endswith((".glb", ".gltf")):
+        up = "y"
     chosen: dict[str, Any] = {
         "triangles": arguments.triangles,
         "compression": None if arguments.compression == "none" else arguments.compression,
         "images": arguments.images,
         "skirts": not arguments.no_skirts,
         "pixel_error": arguments.pixel_error,
-        "up": arguments.up,
+        "up": up,
         "crs": arguments.crs,
         "preview": arguments.preview,
         "overwrite": arguments.overwrite,
@@ -697,7 +700,9 @@ def _add_tiles(commands: Any) -> None:
     sub.add_argument(
         "--pixel-error", type=float, default=16.0, metavar="P", help="that viewers allow: for images (16)"
     )
-    sub.add_argument("--up", choices=("y", "z"), help="the axis of the mesh that points up (z)")
+    sub.add_argument(
+        "--up", choices=("y", "z"), help="the axis of the mesh that points up (y of glTF, else z)"
+    )
     sub.add_argument("--crs", metavar="NAME", help="coordinate reference system of the mesh: EPSG:32632")
     sub.add_argument("--preview", action="store_true", help="write a page, too, that shows the tiles")
     sub.add_argument("--overwrite", action="store_true", help="replace a tileset that is there")

@@ -417,6 +417,11 @@ def test_the_command(tmp_path, capsys) -> None:
     out = capsys.readouterr().out
     assert f"{folder}/tileset.json: " in out
     assert "kB in the median" in out
+    # glTF has y up, which tiles have as z.
+    source().cut(error=0.0).export(tmp_path / "a.glb")
+    assert cli.main(["tiles", str(tmp_path / "a.glb"), "-o", str(tmp_path / "g"), "-q"]) == 0
+    vertices, _ = tiles.opened(tmp_path / "g" / "tileset.json").surface()
+    assert np.allclose(np.ptp(vertices, axis=0)[[0, 2, 1]], np.ptp(source().bounds, axis=0), rtol=0.05)
     assert cli.main(["tiles", "shape:torus_knot:20000", "-o", str(folder), "-q"]) == 1
     assert "holds a tileset" in capsys.readouterr().err
 
