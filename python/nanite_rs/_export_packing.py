@@ -37,9 +37,13 @@ class Grid:
     @classmethod
     def around(cls, vertices: NDArray[np.floating[Any]]) -> Grid:
         """Return the finest grid whose quantized positions reach all of these."""
+        size = float((vertices.max(axis=0).astype(np.float64) - vertices.min(axis=0)).max())
+        return cls.about(vertices, size / (POSITION_STEPS - 2) if size > 0.0 else 1.0)
+
+    @classmethod
+    def about(cls, vertices: NDArray[np.floating[Any]], step: float) -> Grid:
+        """Return the grid of a step about the middle of these."""
         low, high = vertices.min(axis=0).astype(np.float64), vertices.max(axis=0).astype(np.float64)
-        size = float((high - low).max())
-        step = size / (POSITION_STEPS - 2) if size > 0.0 else 1.0
         return cls(np.rint((low + high) / 2.0 / step) * step, step)
 
     @property

@@ -97,7 +97,7 @@ class _Cuts:
     def _made(self, mesh: Any, error: float) -> Cut:
         if isinstance(mesh, TriangleMesh):
             # It has no levels of its own, and one here.
-            return _whole(mesh)
+            return with_levels(mesh).cut(error=0.0)
         if self._reduction is None:
             made: Cut = mesh.cut(error=error)
             return made
@@ -105,9 +105,10 @@ class _Cuts:
         return reduced
 
 
-def _whole(mesh: TriangleMesh) -> Cut:
+def with_levels(mesh: TriangleMesh) -> NaniteMesh:
+    """Return an ordinary mesh as one with levels of detail."""
     _, (vertices, faces, arrays) = mesh._parts()
-    return NaniteMesh.from_arrays(vertices, faces, **arrays, progress=False).cut(error=0.0)
+    return NaniteMesh.from_arrays(vertices, faces, **arrays, progress=False)
 
 
 # -------------------------------------------------------------------------------------------------- nodes

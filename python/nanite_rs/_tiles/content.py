@@ -28,8 +28,8 @@ class Content:
     surface: Arrays
     triangles: int
     """Without skirts."""
-    longest: float
-    """The longest edge."""
+    bent: float
+    """How far straight triangles are from what they would be there."""
     rounding: float
     """How far points that clipping made are from where they ought to be, in units of the mesh."""
     geodetic: NDArray[np.float64] | None
@@ -63,14 +63,12 @@ def content(
         materials=materials,
         channels=_mixed(CutChannels(piece.channels), piece.weights),
     )
-    corners = vertices[piece.faces]
-    edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
     if skirt > 0.0 and len(piece.borders):
         surface = _with_skirts(surface, piece.borders, skirt)
     return Content(
         surface=surface,
         triangles=len(piece.faces),
-        longest=float(edges.max()),
+        bent=place.bent(vertices, piece.faces),
         rounding=_rounding(piece, origin),
         geodetic=place.geodetic(surface.vertices.astype(np.float64, copy=False)),
     )

@@ -72,11 +72,7 @@ def export(
         writing = write.Writing(mesh._core, mesh._materials, place, how, target, f"{CONTENT}/", notes)
         made = writing.run(report)
         root, json = write.whole(made.roots), write.Json(target, crs is not None)
-        row = json.row(root, np.zeros(3))
-        if transform is not None:
-            own = np.array(row.get("transform", np.eye(4).reshape(-1))).reshape(4, 4).T
-            row["transform"] = (pose @ own).T.reshape(-1).tolist()
-        json.write(row, write.size_of(root))
+        json.write(json.row(root, pose), write.size_of(root))
         write.show(target, how)
         found = write.report(target, [made])
     notes.warn(found.path)

@@ -70,7 +70,7 @@ def export(
                 made[key] = own, write.whole(own.roots)
             root = made[key][1]
             pose = turn @ node.pose @ turn.T
-            rows.append(_placed(json, root, pose))
+            rows.append(json.row(root, pose))
             corners.append(_corners(root) @ pose[:3, :3].T + pose[:3, 3])
             largest = max(largest, root.geometric_error * float(np.linalg.norm(pose[:3, :3], 2)))
         points = np.concatenate(corners)
@@ -98,25 +98,19 @@ def _core_of(node: MeshNode) -> _core.Mesh:
         core: _core.Mesh = mesh._core
         return core
     if isinstance(mesh, TriangleMesh):
-        _, (vertices, faces, arrays) = mesh._parts()
-    else:
-        cut: Cut = mesh.cut(error=0.0)
-        vertices, faces = cut.vertices, cut.faces
-        arrays = {
-            "normals": cut.normals,
-            "colors": cut.fine_colors,
-            "uvs": cut.uvs or None,
-            "channels": cut._vertex_channels,
-            "face_materials": cut.face_materials,
-            "face_channels": dict(cut.face_channels),
-        }
-    return NaniteMesh.from_arrays(vertices, faces, **arrays, progress=False)._core
-
-
-def _placed(json: write.Json, root: write.Node, pose: NDArray[np.float64]) -> dict[str, Any]:
-    row = json.row(root, np.zeros(3))
-    own = np.array(row.get("transform", np.eye(4).reshape(-1))).reshape(4, 4).T
-    return row | {"transform": (pose @ own).T.reshape(-1).tolist()}
+        return _export_scene.with_levels(mesh)._core
+    cut: Cut = mesh.cut(error=0.0)
+    return NaniteMesh.from_arrays(
+        cut.vertices,
+        cut.faces,
+        normals=cut.normals,
+        colors=cut.fine_colors,
+        uvs=cut.uvs or None,
+        channels=cut._vertex_channels,
+        face_materials=cut.face_materials,
+        face_channels=dict(cut.face_channels),
+        progress=False,
+    )._core
 
 
 def _corners(node: write.Node) -> NDArray[np.float64]:

@@ -36,8 +36,8 @@ class Place(Protocol):
     def stretch(self, lower: NDArray[np.float64], upper: NDArray[np.float64]) -> float:
         """Return by how much lengths in a box grow at most."""
 
-    def bent(self, longest: float) -> float:
-        """Return how far a straight triangle with this longest edge is from what it would be there."""
+    def bent(self, vertices: NDArray[np.float64], faces: NDArray[np.integer[Any]]) -> float:
+        """Return how far straight triangles, where they are applied, are from what they would be."""
 
     def geodetic(self, vertices: NDArray[np.float64]) -> NDArray[np.float64] | None:
         """Return longitudes and latitudes in radians, and heights, where there are any."""
@@ -65,7 +65,7 @@ class Upright:
         """Return 1."""
         return 1.0
 
-    def bent(self, longest: float) -> float:  # noqa: ARG002
+    def bent(self, vertices: NDArray[np.float64], faces: NDArray[np.integer[Any]]) -> float:  # noqa: ARG002
         """Return 0."""
         return 0.0
 
@@ -92,12 +92,6 @@ class Globe:
         self._pyproj = pyproj
         # Transformers belong to a thread.
         self._local = threading.local()
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {"crs": self._crs.to_wkt()}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__init__(state["crs"])  # type: ignore[misc]
 
     def _transformers(self) -> tuple[Any, Any]:
         if not hasattr(self._local, "pair"):
@@ -143,9 +137,11 @@ class Globe:
         slopes = self._slopes(lower + parts * (upper - lower), 1.0)
         return float(np.linalg.svd(slopes, compute_uv=False).max()) * _MARGIN
 
-    def bent(self, longest: float) -> float:
-        """Return how far a straight triangle is from the curved one, and that of the source from the curved one."""
-        return 2.0 * longest**2 / (6.0 * _RADIUS)
+    def bent(self, vertices: NDArray[np.float64], faces: NDArray[np.integer[Any]]) -> float:
+        """Return how far straight triangles are from curved ones, and those of the source from these."""
+        corners = vertices[faces]
+        longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max()
+        return float(2.0 * longest**2 / (6.0 * _RADIUS))
 
     def geodetic(self, vertices: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return longitudes and latitudes in radians, and heights."""

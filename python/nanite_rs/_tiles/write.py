@@ -12,6 +12,7 @@ import numpy as np
 
 from nanite_rs import _core, _export_gltf
 from nanite_rs._export_packing import FLOAT_STEPS, POSITION_STEPS, Grid, ImageFormat, Packing
+from nanite_rs._export_parts import translation
 from nanite_rs._tiles.content import content
 from nanite_rs._tiles.images import Smaller, cropped
 from nanite_rs._tiles.place import TURN, Globe, Upright
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from nanite_rs._asset import Notes
-    from nanite_rs._tiles.content import Content
     from nanite_rs._tiles.place import Place
     from nanite_rs._tiles.target import Target
     from nanite_rs.material import Material
@@ -255,8 +255,8 @@ class Writing:
         )
         if shown is None:
             return node, 0
-        grid = self._grid(shown, step)
-        bent, made = self._place.bent(shown.longest), shown.rounding * float(self._stretch[number])
+        grid = Grid.about(shown.surface.vertices, step)
+        bent, made = shown.bent, shown.rounding * float(self._stretch[number])
         node.origin, node.triangles = grid.origin, shown.triangles
         node.bound = float(np.nextafter(error + made + grid.moved + bent, np.inf))
         vertices = shown.surface.vertices
@@ -273,18 +273,11 @@ class Writing:
             return None if own is None else up + own
 
         document = _export_gltf.Document(self._notes, name, self._how.packing, self._how.images, outside)
-        pose = np.eye(4)
-        pose[:3, 3] = -grid.origin
-        document.place(document.mesh(surface, grid), TURN_BACK @ pose)
+        document.place(document.mesh(surface, grid), TURN_BACK @ translation(-grid.origin))
         data = document.files()[name]
         self._target.write(name, data)
         node.uri = name
         return node, len(data)
-
-    def _grid(self, shown: Content, step: float) -> Grid:
-        vertices = shown.surface.vertices
-        middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2.0
-        return Grid(np.rint(middle / step) * step, step)
 
 
 def _region(geodetic: NDArray[np.float64], slack: float) -> NDArray[np.float64] | None:
@@ -318,30 +311,28 @@ class Json:
         """Write the root."""
         self._target.write(ROOT, _dumped(root, error))
 
-    def row(self, node: Node, origin: NDArray[np.float64]) -> dict[str, Any]:
-        """Return a tile, below one with this origin; large trees go into files of their own."""
-        return self._row(node, origin, _count(node))
+    def row(self, node: Node, pose: NDArray[np.float64]) -> dict[str, Any]:
+        """Return a tile in a space that has such a pose; large trees go into files of their own."""
+        return self._row(node, pose @ translation(node.origin), _count(node))
 
-    def _row(self, node: Node, origin: NDArray[np.float64], count: int) -> dict[str, Any]:
+    def _row(self, node: Node, pose: NDArray[np.float64], count: int) -> dict[str, Any]:
         children = []
         for child in node.children:
             own = _count(child) if count > MOST_ROWS else 0
+            place = translation(child.origin - node.origin)
             if count > MOST_ROWS >= own > 1:
-                children.append(self._file(child, node.origin))
+                children.append(self._file(child, place))
             else:
-                children.append(self._row(child, node.origin, own))
-        return self._fields(node, origin) | self._content(node) | ({"children": children} if children else {})
+                children.append(self._row(child, place, own))
+        return self._fields(node, pose) | self._content(node) | ({"children": children} if children else {})
 
-    def _fields(self, node: Node, origin: NDArray[np.float64]) -> dict[str, Any]:
+    def _fields(self, node: Node, pose: NDArray[np.float64]) -> dict[str, Any]:
         fields: dict[str, Any] = {
             "boundingVolume": self.volume(node),
             "geometricError": node.geometric_error,
             "refine": "REPLACE",
         }
-        shift = node.origin - origin
-        if shift.any():
-            pose = np.eye(4)
-            pose[:3, 3] = shift
+        if not np.array_equal(pose, np.eye(4)):
             fields["transform"] = pose.T.reshape(-1).tolist()
         return fields
 
@@ -370,13 +361,13 @@ class Json:
         half = np.nextafter(half * (1.0 + 1e-12), np.inf)
         return {"box": [*center.tolist(), *np.diag(half).reshape(-1).tolist()]}
 
-    def _file(self, node: Node, origin: NDArray[np.float64]) -> dict[str, Any]:
+    def _file(self, node: Node, pose: NDArray[np.float64]) -> dict[str, Any]:
         """Write a part of the tree as a tileset of its own; return the tile that refers to it."""
         name = f"{SUBTREES}/{self._files}.json"
         self._files += 1
         below = _Below(self._target, self._regions)
-        self._target.write(name, _dumped(below.row(node, node.origin), node.geometric_error))
-        return self._fields(node, origin) | {"content": {"uri": name}}
+        self._target.write(name, _dumped(below.row(node, translation(-node.origin)), node.geometric_error))
+        return self._fields(node, pose) | {"content": {"uri": name}}
 
 
 class _Below(Json):
