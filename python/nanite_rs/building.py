@@ -11,7 +11,6 @@ import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import as_completed
 from contextlib import contextmanager, suppress
-from dataclasses import asdict
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias, get_args
@@ -351,7 +350,7 @@ def _build(
     if executor is not None or store is not None:
         work = work.absolute()  # workers have working directories of their own
         arrays = _pieces.in_folder(arrays, work, [key])
-    how, own = asdict(options), _pieces.core(arrays)
+    how, own = options._core(), _pieces.core(arrays)
     with reporter(progress, "building") as report:
         build = BlockBuild.begin(own, options=how, memory=limit, folder=work, key=key, progress=report)
         total = Total(report, 2 * len(own["faces"]))

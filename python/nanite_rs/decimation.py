@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
@@ -180,7 +179,7 @@ def _decimated(
             core = _core.decimate(
                 arrays,
                 target=target,
-                options=asdict(options),
+                options=options._core(),
                 preserve_border=preserve_border,
                 lossless=lossless,
                 progress=report,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from typing import TYPE_CHECKING, Any, BinaryIO, Literal
 
 import numpy as np
@@ -25,6 +24,7 @@ from nanite_rs._core import FINE_PART
 from nanite_rs._core import Mesh as CoreMesh
 from nanite_rs._geometry import Geometry
 from nanite_rs._progress import Progress, reporter
+from nanite_rs._rebaking import build as rebaking
 from nanite_rs.exceptions import ArgumentError, FormatError, UsageWarning
 from nanite_rs.material import Material, several
 from nanite_rs.options import BuildOptions, creased, no_options
@@ -179,11 +179,10 @@ class NaniteMesh(Geometry):
         of_faces = {"face_channels": face_channels}
         looks = () if materials is None else several(materials, "materials")
         try:
-            mesh = cls._build(vertices, faces, given | of_faces, channels, options, progress)
+            mesh = cls._build(vertices, faces, given | of_faces, channels, looks, options, progress)
         except ArgumentError as error:
             more = _advice.for_arrays(str(error), vertices, faces, given)
             raise (_advice.advised(error, more) if more else _advice.near(error)) from None
-        mesh._materials = looks
         return mesh
 
     @classmethod
@@ -193,16 +192,19 @@ class NaniteMesh(Geometry):
         faces: NDArray[Any],
         given: dict[str, Any],
         channels: Mapping[str, ArrayLike] | None,
+        looks: tuple[Material, ...],
         options: BuildOptions | None,
         progress: Progress,
     ) -> NaniteMesh:
+        how = options or BuildOptions()
+        arrays = core_arrays(vertices, faces, given, channels)
         with reporter(progress, "building") as report:
-            core = CoreMesh.build(
-                core_arrays(vertices, faces, given, channels),
-                options=asdict(options or BuildOptions()),
-                progress=report,
-            )
+            if how.rebake == "auto" and rebaking.is_asked_for(arrays, given, looks):
+                core, looks = rebaking.build(arrays, how._core(), looks, how.texture_size, report)
+            else:
+                core = CoreMesh.build(arrays, options=how._core(), progress=report)
         mesh = cls._wrap(core)
+        mesh._materials = looks
         _look_for_lost_faces(vertices, mesh)
         return mesh
 

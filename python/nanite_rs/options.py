@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Final, Literal, TypeAlias, get_args, get_origin, get_type_hints
 
 from nanite_rs import _advice, _checks, _core
@@ -68,6 +68,11 @@ class BuildOptions:
     parts from CAD 30 is usual, and what `from_file` takes for STL."""
     face_ids: bool = False
     """Keep the map from full-detail triangles to rows of the caller's ``faces``."""
+    rebake: Literal["never", "auto"] = "never"
+    """Of textured meshes with many charts, such as scans: what is done where seams are in the way. With "auto" levels go
+    on over them, and have images that are sampled from the source for them (`rebake`, which says more)."""
+    texture_size: int = 2048
+    """With ``rebake``: most texels of a side of such an image, 16 to 16,384."""
     threads: int = 0
     """Threads; 0 uses all cores. The result does not depend on it."""
 
@@ -77,6 +82,7 @@ class BuildOptions:
             "cluster_vertices": (32, 255),
             "group_clusters": (4, 24),
             "threads": (0, _core.MOST_THREADS),
+            "texture_size": (16, 16_384),
         }
         checked: dict[str, Any] = {n: _checks.whole(getattr(self, n), n, *of) for n, of in limits.items()}
         for name, alias in get_type_hints(type(self)).items():
@@ -90,6 +96,10 @@ class BuildOptions:
             checked[name] = _checks.truth(getattr(self, name), name)
         for name, value in checked.items():
             object.__setattr__(self, name, value)
+
+    def _core(self) -> dict[str, Any]:
+        """Return what the core is told; images are none of its business."""
+        return {name: value for name, value in asdict(self).items() if name not in ("rebake", "texture_size")}
 
 
 def no_options(found: object) -> DtypeError:

@@ -95,6 +95,17 @@ impl Content {
         }
     }
 
+    /// The same where images have what normals and texture coordinates say: these are carried along, and count nothing.
+    #[must_use]
+    pub fn without_looks(&self, coordinates: &Range<usize>) -> Self {
+        let mut out = self.clone();
+        let is_look = |block: &Block| block.unit || coordinates.contains(&block.columns.start);
+        for block in out.blocks.iter_mut().filter(|block| is_look(block)) {
+            block.measured = false;
+        }
+        out
+    }
+
     /// Keeps the labels of the surface that levels grow over, where there are any.
     pub fn set_source(&mut self, store: &VertexStore, clusters: &[BuildCluster]) {
         if self.label_weight > 0.0 {

@@ -17,6 +17,7 @@ use super::content::{Content, weights};
 use super::lock_borders::shared_positions;
 use super::memory;
 use super::partition::{most_words, partition, split_to_fit};
+use super::rebake::Welding;
 use super::reference::{Patch, Pieces, Reference};
 use super::relax::relax;
 use super::silhouette::Silhouette;
@@ -175,67 +176,92 @@ pub fn grow_from(
     meter: &Meter<'_>,
     report: &mut BuildReport,
 ) -> Result<Grown> {
-    let Start { content, mut store, clusters, is_source, level, part, silhouette, source_faces } = start;
-    let enough = (source_faces as u64 / ROOT_PART).clamp(FEWEST_TRIANGLES, ROOT_TRIANGLES);
-    let mut growth = Growth {
-        content,
-        clusters,
-        groups: Vec::new(),
-        reference: None,
-        is_source,
-        silhouette,
-        source_faces,
-        enough,
-        part,
-        tries: Tries::Cost,
-    };
-    let mut pending: Vec<u32> = (0..growth.clusters.len() as u32).collect();
-    for level in level.. {
-        if pending.is_empty() || growth.has_ended(&pending) {
-            break;
-        }
-        pending = growth.simplify_level(&mut store, pending, level, options, meter, report)?;
-    }
-    Ok(Grown { store, clusters: growth.clusters, groups: growth.groups, pending })
+    let (mut store, mut growth) = Growth::new(start);
+    while growth.grow_level(&mut store, options, meter, report)? {}
+    Ok(Grown { store, clusters: growth.clusters, groups: growth.groups, pending: growth.pending })
 }
 
 /// Grows the whole DAG of a welded mesh.
 pub fn grow(
-    mut mesh: WeldedMesh,
+    mesh: WeldedMesh,
     options: &BuildOptions,
     progress: &dyn Progress,
     report: &mut BuildReport,
 ) -> Result<Graph> {
-    // Every triangle is put into a cluster once and, but for a few, removed once.
-    let total = 2 * mesh.faces.len() as u64;
-    let meter = Meter::new(progress, total);
-    if !meter.advance(0) {
-        return Err(Error::Cancelled);
+    let meter = Meter::new(progress, work(mesh.faces.len()));
+    let mut growing = Growing::new(mesh, options, &meter, report)?;
+    while growing.growth.grow_level(&mut growing.store, options, &meter, report)? {}
+    Ok(growing.finish(report))
+}
+
+/// Units of work: every triangle is put into a cluster once and, but for a few, removed once.
+pub(super) fn work(faces: usize) -> u64 {
+    2 * faces as u64
+}
+
+/// A whole mesh whose levels grow.
+pub(super) struct Growing {
+    pub(super) frame: CoordinateFrame,
+    bounds: Aabb,
+    channels: Channels,
+    face_rows: Option<(Vec<[u32; 3]>, Vec<u32>)>,
+    pub(super) source_faces: usize,
+    source_vertices: usize,
+    /// All vertices so far.
+    pub(super) store: VertexStore,
+    pub(super) growth: Growth,
+}
+
+impl Growing {
+    /// The clusters of a welded mesh.
+    pub(super) fn new(
+        mut mesh: WeldedMesh,
+        options: &BuildOptions,
+        meter: &Meter<'_>,
+        report: &mut BuildReport,
+    ) -> Result<Self> {
+        if !meter.advance(0) {
+            return Err(Error::Cancelled);
+        }
+        // Before the store takes the positions.
+        let mut content = Content::new(&mesh, report.computed_normals, options);
+        let store = VertexStore::new(&mut mesh);
+        let source_vertices = store.count();
+        let clusters = source_clusters(&store, &mesh, options);
+        content.set_source(&store, &clusters);
+        (report.weights, report.preserve_area) = (weights(options), options.preserve_area);
+        let WeldedMesh { frame, bounds, faces, face_rows, channels, .. } = mesh;
+        let source_faces = faces.len();
+        if !meter.advance(source_faces) {
+            return Err(Error::Cancelled);
+        }
+        let seen = || Silhouette::of(bounds, &store.positions, faces.as_flattened());
+        let silhouette = options.preserve_area.then(seen);
+        // Memory that no option asks for is freed before the levels grow.
+        let face_rows = options.face_ids.then_some((faces, face_rows));
+        let (store, growth) = Growth::new(Start {
+            content,
+            store,
+            clusters,
+            is_source: true,
+            level: 0,
+            part: None,
+            silhouette,
+            source_faces,
+        });
+        Ok(Self { frame, bounds, channels, face_rows, source_faces, source_vertices, store, growth })
     }
-    // Before the store takes the positions.
-    let mut content = Content::new(&mesh, report.computed_normals, options);
-    let store = VertexStore::new(&mut mesh);
-    let source_vertices = store.count();
-    let clusters = source_clusters(&store, &mesh, options);
-    content.set_source(&store, &clusters);
-    (report.weights, report.preserve_area) = (weights(options), options.preserve_area);
-    let WeldedMesh { frame, bounds, faces, face_rows, channels, .. } = mesh;
-    let source_faces = faces.len();
-    if !meter.advance(source_faces) {
-        return Err(Error::Cancelled);
+
+    /// The DAG, once all levels are grown.
+    pub(super) fn finish(self, report: &mut BuildReport) -> Graph {
+        let Self { frame, bounds, channels, face_rows, source_faces, source_vertices, store, growth } = self;
+        for level in &mut report.levels {
+            level.max_error *= frame.scale;
+            level.max_attribute_error *= frame.scale;
+        }
+        let Growth { clusters, groups, .. } = growth;
+        Graph { frame, bounds, store, channels, clusters, groups, source_faces, source_vertices, face_rows }
     }
-    let seen = || Silhouette::of(bounds, &store.positions, faces.as_flattened());
-    let silhouette = options.preserve_area.then(seen);
-    // Memory that no option asks for is freed before the levels grow.
-    let face_rows = options.face_ids.then_some((faces, face_rows));
-    let start =
-        Start { content, store, clusters, is_source: true, level: 0, part: None, silhouette, source_faces };
-    let Grown { store, clusters, groups, .. } = grow_from(start, options, &meter, report)?;
-    for level in &mut report.levels {
-        level.max_error *= frame.scale;
-        level.max_attribute_error *= frame.scale;
-    }
-    Ok(Graph { frame, bounds, store, channels, clusters, groups, source_faces, source_vertices, face_rows })
 }
 
 fn source_clusters(store: &VertexStore, mesh: &WeldedMesh, options: &BuildOptions) -> Vec<BuildCluster> {
@@ -260,10 +286,15 @@ pub fn merged<'a>(traces: impl Iterator<Item = (usize, &'a [(f64, u32)])>) -> Ve
     steps
 }
 
-struct Growth {
-    content: Content,
+/// The levels of a mesh, or of a part of one, as they grow.
+pub(super) struct Growth {
+    pub(super) content: Content,
     clusters: Vec<BuildCluster>,
     groups: Vec<BuildGroup>,
+    /// The clusters that the next level is made from.
+    pending: Vec<u32>,
+    /// That level.
+    level: u32,
     reference: Option<Reference>,
     /// What it starts from is the source.
     is_source: bool,
@@ -274,6 +305,8 @@ struct Growth {
     part: Option<Part>,
     /// What the next level tries.
     tries: Tries,
+    /// How levels do without texture coordinates, where they may.
+    pub(super) welding: Option<Welding>,
 }
 
 /// What a level tries; the next variant where the level before it made nothing.
@@ -311,6 +344,44 @@ const SMALL_LEVEL_PART: u64 = 40;
 const STALLED: f64 = 0.85;
 
 impl Growth {
+    /// Nothing has grown yet. Its vertices are apart.
+    fn new(start: Start) -> (VertexStore, Self) {
+        let Start { content, store, clusters, is_source, level, part, silhouette, source_faces } = start;
+        let growth = Self {
+            content,
+            pending: (0..clusters.len() as u32).collect(),
+            clusters,
+            groups: Vec::new(),
+            level,
+            reference: None,
+            is_source,
+            silhouette,
+            source_faces,
+            enough: (source_faces as u64 / ROOT_PART).clamp(FEWEST_TRIANGLES, ROOT_TRIANGLES),
+            part,
+            tries: Tries::Cost,
+            welding: None,
+        };
+        (store, growth)
+    }
+
+    /// Grows a level; false where there are no more.
+    pub(super) fn grow_level(
+        &mut self,
+        store: &mut VertexStore,
+        options: &BuildOptions,
+        meter: &Meter<'_>,
+        report: &mut BuildReport,
+    ) -> Result<bool> {
+        if self.pending.is_empty() || self.has_ended(&self.pending) {
+            return Ok(false);
+        }
+        let pending = std::mem::take(&mut self.pending);
+        self.pending = self.simplify_level(store, pending, self.level, options, meter, report)?;
+        self.level += 1;
+        Ok(true)
+    }
+
     fn triangles(&self, clusters: &[u32]) -> u64 {
         clusters.iter().map(|c| self.clusters[*c as usize].mesh.triangles.len() as u64).sum()
     }
@@ -355,6 +426,11 @@ impl Growth {
             let places = shared.par_iter_mut().zip(&positions.positions);
             places.for_each(|(shared, p)| *shared |= is_fixed(p));
         }
+        let (source, is_stuck) = (self.source_faces as u64, self.tries != Tries::Cost);
+        if let Some(welding) = &mut self.welding {
+            welding.is_on =
+                welding.begins(counts.triangles, source, is_stuck, || welding.seam_part(store, &meshes));
+        }
         let share = self.part.as_ref().map_or(1.0, |part| part.share);
         let ratio = ratio((counts.triangles as f64 * share) as u64, options);
         let cost = self.cost(store, &meshes, &positions, &groups, &shared, ratio, options);
@@ -385,7 +461,7 @@ impl Growth {
             // One at a time: threads steal what others have not begun.
             .with_max_len(1)
             .map(|(members, pieces)| {
-                let local = LocalMesh::of_clusters(store, &meshes, &positions, members, &shared);
+                let local = self.local(store, &meshes, &positions, members, &shared);
                 let members: Vec<&BuildCluster> =
                     members.iter().map(|c| &self.clusters[pending[*c as usize] as usize]).collect();
                 let proof = self.reference.as_ref().map(|reference| Proof { reference, all: &self.clusters });
@@ -393,7 +469,7 @@ impl Growth {
                 let target = (triangles as f32 * part) as usize;
                 let group =
                     GroupMesh { clusters: &members, mesh: &local, pieces, target, effort, silhouette };
-                let outcome = simplify_group(store, group, &self.content, proof, options);
+                let outcome = simplify_group(store, group, self.made(options), proof);
                 let made = outcome.as_ref().map_or(triangles, |split| split.triangles());
                 (meter.advance(triangles - made.min(triangles)), outcome)
             })
@@ -447,6 +523,34 @@ impl Growth {
         Ok(next)
     }
 
+    /// How the level is welded, if it is.
+    fn welding(&self) -> Option<&Welding> {
+        self.welding.as_ref().filter(|welding| welding.is_on)
+    }
+
+    /// The mesh of a group.
+    fn local(
+        &self,
+        store: &VertexStore,
+        meshes: &[&ClusterMesh],
+        positions: &LevelPositions,
+        members: &[u32],
+        shared: &[bool],
+    ) -> LocalMesh {
+        let local = LocalMesh::of_clusters(store, meshes, positions, members, shared);
+        self.welding().map(|welding| welding.weld(&local)).unwrap_or(local)
+    }
+
+    /// What groups are made into.
+    fn made<'a>(&'a self, options: &'a BuildOptions) -> Making<'a> {
+        match self.welding() {
+            Some(welding) => {
+                Making { content: &welding.content, options: &welding.options, welding: Some(welding) }
+            }
+            None => Making { content: &self.content, options, welding: None },
+        }
+    }
+
     /// The largest cost of a collapse of the level: with it a sample of the groups keeps `ratio` of its triangles.
     /// One cost for all groups acts as one queue for all: flat parts are simplified first.
     fn cost(
@@ -469,10 +573,10 @@ impl Growth {
             .with_max_len(1)
             .map(|i| {
                 let members = &groups[i * groups.len() / count];
-                let local = LocalMesh::of_clusters(store, meshes, positions, members, shared);
+                let local = self.local(store, meshes, positions, members, shared);
                 let triangles = local.indices.len() / 3;
                 let target = (triangles as f32 * 0.5 * ratio) as usize;
-                (triangles, trace(&local, Limit::triangles(target), &self.content, options))
+                (triangles, trace(&local, Limit::triangles(target), self.made(options).content, options))
             })
             .collect();
         let total: usize = traces.iter().map(|(triangles, _)| triangles).sum();
@@ -585,7 +689,7 @@ impl Growth {
 }
 
 /// The error of a group: what was measured, and a true step above each of its members.
-fn parent_error(below: f32, measured: f32) -> f32 {
+pub(super) fn parent_error(below: f32, measured: f32) -> f32 {
     measured.max((below * ERROR_STEP).next_up()).max(ERROR_FLOOR)
 }
 
@@ -647,13 +751,21 @@ struct GroupMesh<'a> {
     silhouette: Option<Silhouette>,
 }
 
+/// How groups of a level are made into coarser ones.
+#[derive(Clone, Copy)]
+struct Making<'a> {
+    content: &'a Content,
+    options: &'a BuildOptions,
+    welding: Option<&'a Welding>,
+}
+
 fn simplify_group(
     store: &VertexStore,
     group: GroupMesh<'_>,
-    content: &Content,
+    making: Making<'_>,
     proof: Option<Proof<'_>>,
-    options: &BuildOptions,
 ) -> std::result::Result<Split, (StuckReason, Vec<Pieces>)> {
+    let Making { content, options, welding } = making;
     let GroupMesh { clusters: members, mesh: local, pieces, target, effort, silhouette } = group;
     let Simplified { mut mesh, estimate, step_error, moved, cost, step } =
         match simplify(local, target, effort, content, options, silhouette) {
@@ -686,7 +798,8 @@ fn simplify_group(
     let mut used = vec![false; mesh.ids.len()];
     mesh.indices.iter().for_each(|v| used[*v as usize] = true);
     for v in (0..mesh.ids.len()).filter(|v| used[*v]) {
-        if mesh.differs(local, v) {
+        // A welded vertex is none of the store.
+        if welding.is_some() || mesh.differs(local, v) {
             mesh.ids[v] = NEW_VERTEX + new_positions.len() as u32;
             new_positions.push(mesh.positions[v]);
             new_attributes.extend_from_slice(&mesh.attributes[v * stride..(v + 1) * stride]);
@@ -708,7 +821,12 @@ fn simplify_group(
     // The proven bound counts. Without a cost for the rank, the estimate keeps frames as close in the mean.
     let shape = if cost.is_some() { distance } else { distance.max(quadric) };
     let deviation = step_deviation(local, &mesh, content, distance);
-    let attribute_error = round_up(f64::from(most(|c| c.attribute_error)) + f64::from(deviation));
+    // What is baked from the source does not deviate by what the levels before had to: nothing else is carried along.
+    let is_baked_anew =
+        |c: &BuildCluster| welding.is_some_and(|w| !content.is_measured() && !w.is_welded(c.mesh.material));
+    let carried = |c: &&&BuildCluster| !is_baked_anew(c);
+    let inherited = members.iter().filter(carried).map(|c| c.attribute_error).fold(0.0, f32::max);
+    let attribute_error = round_up(f64::from(inherited) + f64::from(deviation));
     let error = parent_error(most(|c| c.error), shape.max(attribute_error));
     let rank = match cost {
         Some(cost) => (Policy::default().length_of(cost) as f32).max(most(|c| c.rank)),

@@ -23,6 +23,7 @@ pub mod one_level;
 pub mod order;
 pub mod partition;
 pub mod pose;
+pub mod rebake;
 pub mod reference;
 pub mod relax;
 pub mod silhouette;

@@ -166,6 +166,10 @@ impl Finisher {
             return bisected();
         }
         let excess = more - target;
+        // Collapses would shift images that were baked for their level, which has more seams than edges to collapse.
+        if coarser.iter().any(|at| dag.report.is_rebaked(dag.record(*at).material)) {
+            return bisected();
+        }
         let enough = (ROOM * excess).max(LEAST);
         let groups = self.gather(dag, fine, enough);
         if groups.is_empty() {

@@ -36,7 +36,7 @@ pub use packing::Packing;
 pub use page::{PageEntry, PageWords, Pages};
 pub use primitive::{Primitive, StrokeSize};
 pub use reading::{INTERRUPT_INTERVAL, InterruptCheck, UNINTERRUPTED, read_pages};
-pub use report::{BuildReport, LevelReport, StuckGroup, StuckReason, Weights};
+pub use report::{BuildReport, LevelReport, RebakedPart, StuckGroup, StuckReason, Weights};
 pub use retry::{Clock, Retry};
 pub use sink::{MemorySink, Outline, PageSink, dependencies};
 pub use skin::{Pose, Skin};

@@ -110,4 +110,27 @@ pub struct BuildReport {
     /// Small islands that stay grow until as much is covered as before.
     #[serde(default)]
     pub preserve_area: bool,
+    /// Parts of levels that have images of their own.
+    #[serde(default)]
+    pub rebaked: Vec<RebakedPart>,
+}
+
+/// A part of a level that was welded over seams, and has an image that was baked for it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RebakedPart {
+    /// Number of simplifications behind it.
+    pub level: u8,
+    /// The number of its material.
+    pub material: i32,
+    /// Triangles in it.
+    pub triangles: u64,
+    /// The size of texels, object units.
+    pub texel: f64,
+}
+
+impl BuildReport {
+    /// Whether a material shows an image that was baked for a level.
+    pub fn is_rebaked(&self, material: i32) -> bool {
+        self.rebaked.iter().any(|part| part.material == material)
+    }
 }

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::math::Aabb;
 use crate::model::rule::SOURCE_ERROR;
 use crate::model::{ClusterAddress, Dag, InterruptCheck, WINDOW_PAGES};
@@ -105,6 +105,9 @@ impl Entry {
 
 /// Lays out the tiles of a mesh. Pages that are not in memory are read a window after the other and do not stay.
 pub fn plan(dag: &Dag, layout: &Layout, proceed: InterruptCheck<'_>) -> Result<Plan> {
+    if dag.pose.is_some() {
+        return Err(Error::argument("mesh", "its levels are those at rest; give a mesh of the pose"));
+    }
     let entries = entries(dag, proceed)?;
     let (levels, bounds) = match layout {
         Layout::Triangles(most) => {

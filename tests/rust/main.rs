@@ -21,6 +21,7 @@ mod materials;
 mod measure;
 #[cfg(feature = "gpu")]
 mod own_kernel;
+mod rebake;
 mod render_frames;
 mod samples;
 mod seams;
