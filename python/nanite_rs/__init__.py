@@ -19,6 +19,7 @@ from nanite_rs.camera import (
     orbit,
     pose_from_opencv,
 )
+from nanite_rs.clusters import Clusters
 from nanite_rs.collection import BuildResult, BuildResults, build_many
 from nanite_rs.comparison import Comparison, SilhouetteDistance, compare
 from nanite_rs.cut import Cut
@@ -49,8 +50,9 @@ from nanite_rs.light import DirectionalLight, Environment, PointLight, SpotLight
 from nanite_rs.material import Material
 from nanite_rs.mesh import NaniteMesh
 from nanite_rs.options import BuildOptions
+from nanite_rs.rebaking import rebake
 from nanite_rs.renderer import Calibration, Renderer, StreamWarning, TextureWarning, View
-from nanite_rs.report import BuildReport, CheckReport, LevelReport, StuckGroup, TilesReport
+from nanite_rs.report import BuildReport, CheckReport, LevelReport, RebakedPart, StuckGroup, TilesReport
 from nanite_rs.scene import LightNode, MeshNode, Scene
 from nanite_rs.skinned_mesh import SkinnedMesh
 from nanite_rs.stats import FrameStats, ShadowCascade, ShadowStats, StageStats, StreamStats, TrafficStats
@@ -73,6 +75,7 @@ __all__ = [
     "Camera",
     "ChangedFileError",
     "CheckReport",
+    "Clusters",
     "Comparison",
     "Cut",
     "DependencyError",
@@ -105,6 +108,7 @@ __all__ = [
     "PointLight",
     "Points",
     "PyrenderView",
+    "RebakedPart",
     "Renderer",
     "Scene",
     "ServerError",
@@ -140,6 +144,7 @@ __all__ = [
     "orbit",
     "plot",
     "pose_from_opencv",
+    "rebake",
     "save_animation",
     "set_num_threads",
     "shapes",

@@ -25,12 +25,14 @@ __all__ = [
     "Tiles",
     "Traffic",
     "TriangleMesh",
+    "Unbaked",
     "__version__",
     "build_memory",
     "check_camera",
     "check_light",
     "check_pose",
     "closest_points",
+    "cluster_arrays",
     "cluster_table",
     "decimate",
     "group_table",
@@ -61,6 +63,7 @@ MOST_THREADS: int
 def retry_pauses(tries: int) -> list[float]: ...
 def build_memory(arrays: dict[str, Any]) -> int: ...
 def cluster_table(mesh: Mesh) -> dict[str, NDArray[Any]]: ...
+def cluster_arrays(mesh: Mesh) -> dict[str, Any]: ...
 def group_table(mesh: Mesh) -> dict[str, NDArray[Any]]: ...
 def page_table(mesh: Mesh) -> dict[str, NDArray[np.uint32]]: ...
 def page_table_of_file(path: str | PathLike[str]) -> dict[str, NDArray[np.uint32]]: ...
@@ -272,6 +275,20 @@ class Skin:
     @property
     def joints(self) -> int: ...
     def posed(self, matrices: NDArray[np.float64]) -> Mesh: ...
+
+@final
+class Unbaked:
+    def __new__(
+        cls,
+        arrays: dict[str, Any],
+        *,
+        options: dict[str, Any],
+        classes: list[tuple[int, int]],
+        numbers: tuple[int, int],
+        progress: Callable[[int, int], None] | None = None,
+    ) -> Unbaked: ...
+    def surfaces(self) -> list[dict[str, Any]]: ...
+    def finish(self, atlases: list[dict[str, Any]]) -> Mesh: ...
 
 @final
 class TriangleMesh:

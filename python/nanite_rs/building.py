@@ -346,6 +346,10 @@ def _build(
     progress: Progress,
 ) -> BlockBuild:
     """Make all blocks from arrays that do not fit."""
+    if options.rebake != "never":
+        raise ArgumentError(
+            f'options: rebake="{options.rebake}" needs all of a mesh in memory; give more memory, or leave it out'
+        )
     key = _key(arrays)
     if executor is not None or store is not None:
         work = work.absolute()  # workers have working directories of their own

@@ -17,6 +17,7 @@ from nanite_rs import (
     _remote,
     _sources,
     _upload,
+    clusters,
     io,
 )
 from nanite_rs._arrays import as_array, core_arrays
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from nanite_rs._export_packing import Compression, ImageFormat
+    from nanite_rs.clusters import Clusters
     from nanite_rs.material import Look
     from nanite_rs.report import TilesReport
     from nanite_rs.stats import TrafficStats
@@ -870,6 +872,30 @@ class NaniteMesh(Geometry):
             With the first cluster, group or node at fault: a bug, or a damaged file.
         """
         return CheckReport(**self._core.check())
+
+    def clusters(self) -> Clusters:
+        """Return all clusters of all levels as arrays, for a renderer of one's own.
+
+        Of an opened file, all of it is read.
+
+        Returns
+        -------
+        Clusters
+
+        Raises
+        ------
+        FileError, AccessError, ServerError, ChangedFileError, FormatError
+            The file cannot be read, or is damaged.
+
+        Examples
+        --------
+        >>> all = nrs.NaniteMesh.from_arrays(*nrs.shapes.icosphere(faces=20_000)).clusters()
+        >>> first = slice(all.triangle_offsets[0], all.triangle_offsets[1])
+        >>> corners = all.vertices[all.vertex_offsets[0] + all.triangles[first].astype(int)]
+        >>> corners.shape[1:]
+        (3, 3)
+        """
+        return clusters.of_mesh(self)
 
     @property
     def source_face_ids(self) -> NDArray[np.uint32] | None:

@@ -8,7 +8,7 @@ from typing import Any
 
 from nanite_rs._notebook import pairs, table
 
-__all__ = ["BuildReport", "CheckReport", "LevelReport", "StuckGroup", "TilesReport"]
+__all__ = ["BuildReport", "CheckReport", "LevelReport", "RebakedPart", "StuckGroup", "TilesReport"]
 
 
 _LEVELS = """\
@@ -53,6 +53,20 @@ class StuckGroup:
 
 
 @dataclass(frozen=True)
+class RebakedPart:
+    """A part of a level that has an image of its own: see `rebake`."""
+
+    level: int
+    """Times its surface was simplified."""
+    material: int
+    """The number of the material that shows the image."""
+    triangles: int
+    """Number of triangles."""
+    texel: float
+    """The size of a texel, in the units of the mesh."""
+
+
+@dataclass(frozen=True)
 class BuildReport:
     """What a build was given, what it mended, and what it made.
 
@@ -93,6 +107,8 @@ class BuildReport:
     """One entry per level, finest first."""
     stuck: tuple[StuckGroup, ...]
     """Groups that stayed roots, besides the last one, each with its reason."""
+    rebaked: tuple[RebakedPart, ...] = ()
+    """Parts of levels with images of their own, finest first."""
 
     @classmethod
     def _from_json(cls, text: str) -> BuildReport:
@@ -101,8 +117,9 @@ class BuildReport:
             LevelReport(**{**level, "steps": tuple(level["steps"])}) for level in data.pop("levels")
         )
         stuck = tuple(StuckGroup(**group) for group in data.pop("stuck"))
+        rebaked = tuple(RebakedPart(**part) for part in data.pop("rebaked", ()))
         known = {f.name for f in fields(cls)}
-        return cls(levels=levels, stuck=stuck, **{k: v for k, v in data.items() if k in known})
+        return cls(levels=levels, stuck=stuck, rebaked=rebaked, **{k: v for k, v in data.items() if k in known})
 
     def _mended(self) -> str:
         counts = {
@@ -127,7 +144,16 @@ class BuildReport:
             ("normals", "computed" if self.computed_normals else "given"),
             ("made", f"{self.clusters:,} clusters, {self.triangles:,} triangles, {self.fill:.1%} full"),
             ("stuck groups", reasons or "none"),
+            *([("rebaked", self._images())] if self.rebaked else []),
         ]
+
+    def _images(self) -> str:
+        images = len({part.material for part in self.rebaked})
+        finest, coarsest = self.rebaked[0], self.rebaked[-1]
+        return (
+            f"{len(self.rebaked)} parts of {finest.triangles:,} to {coarsest.triangles:,} triangles show {images} images,"
+            f" texels of {finest.texel:.4g} to {coarsest.texel:.4g}"
+        )
 
     _COLUMNS = (
         "level",
