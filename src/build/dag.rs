@@ -17,12 +17,13 @@ use super::content::{Content, weights};
 use super::lock_borders::shared_positions;
 use super::memory;
 use super::partition::{most_words, partition, split_to_fit};
-use super::rebake::Welding;
+
 use super::reference::{Patch, Pieces, Reference};
 use super::relax::relax;
 use super::silhouette::Silhouette;
 use super::simplify::{Effort, Simplified, Step, ratio, simplify, trace};
 use super::store::{LevelPositions, LocalMesh, VertexStore};
+use super::welding::Welding;
 use super::{Meter, Progress};
 use crate::config::{BuildOptions, ErrorMeasure, Levels, Quality};
 use crate::error::{Error, Result};

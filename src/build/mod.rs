@@ -32,6 +32,7 @@ pub mod skin;
 mod slabs;
 pub mod source_labels;
 pub mod store;
+pub mod welding;
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
