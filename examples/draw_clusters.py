@@ -34,7 +34,8 @@ fn pixels(error: f32, sphere: vec4f) -> f32 {
         visible[atomicAdd(&draw.instances, 1u)] = id.x;
     }
 }
-struct Corner { @builtin(position) at: vec4f, @location(0) @interpolate(flat) cluster: u32, @location(1) place: vec3f }
+struct Corner { @builtin(position) at: vec4f, @interpolate(flat) @location(0) cluster: u32,
+    @location(1) place: vec3f }
 @vertex fn corner(@builtin(vertex_index) v: u32, @builtin(instance_index) i: u32) -> Corner {
     let c = clusters[drawn[i]];
     let t = triangles[c.triangle + min(v / 3u, c.count - 1u)];
@@ -51,13 +52,13 @@ struct Corner { @builtin(position) at: vec4f, @location(0) @interpolate(flat) cl
 path, picture = (sys.argv[1:] + ["", "clusters.png"][len(sys.argv) - 1 :])[:2]
 shape = nrs.shapes.displaced_icosphere(faces=200_000)
 mesh = nrs.NaniteMesh.from_file(path) if path else nrs.NaniteMesh.from_arrays(*shape)
-all = mesh.clusters()
-table = np.zeros((len(all), 16), np.float32)
-table[:, 0:4], table[:, 4:8] = all.spheres, all.group_spheres[all.groups]
-table[:, 8], table[:, 9] = all.errors, np.minimum(all.group_errors[all.groups], 1e30)
-counts = [all.vertex_offsets[:-1], all.triangle_offsets[:-1], np.diff(all.triangle_offsets)]
+every = mesh.clusters()
+table = np.zeros((len(every), 16), np.float32)
+table[:, 0:4], table[:, 4:8] = every.spheres, every.group_spheres[every.groups]
+table[:, 8], table[:, 9] = every.errors, np.minimum(every.group_errors[every.groups], 1e30)
+counts = [every.vertex_offsets[:-1], every.triangle_offsets[:-1], np.diff(every.triangle_offsets)]
 table.view(np.uint32)[:, 10:13] = np.stack(counts, axis=1)
-packed = all.triangles.astype(np.uint32) @ np.array([1, 1 << 8, 1 << 16], np.uint32)
+packed = every.triangles.astype(np.uint32) @ np.array([1, 1 << 8, 1 << 16], np.uint32)
 
 radius = np.linalg.norm(mesh.bounds[1] - mesh.bounds[0]) / 2
 eye, centre = mesh.bounds.mean(axis=0) + radius * np.array([0.8, 0.6, 2.2]), mesh.bounds.mean(axis=0)
@@ -68,7 +69,7 @@ view = np.array([*matrix.T.ravel(), *eye, focal * SIZE / 2 / PIXELS], np.float32
 
 device = wgpu.gpu.request_adapter_sync().request_device_sync()
 module, usage = device.create_shader_module(code=SHADER), wgpu.BufferUsage
-arrays = [table, all.vertices.astype(np.float32), packed, view, np.zeros(len(all), np.uint32)]
+arrays = [table, every.vertices.astype(np.float32), packed, view, np.zeros(len(every), np.uint32)]
 arrays.append(np.array([384, 0, 0, 0], np.uint32))
 uses = [usage.STORAGE] * 3 + [usage.UNIFORM, usage.STORAGE, usage.STORAGE | usage.INDIRECT | usage.COPY_SRC]
 buffers = [device.create_buffer_with_data(data=a, usage=u) for a, u in zip(arrays, uses, strict=True)]
@@ -83,6 +84,7 @@ show = device.create_render_pipeline(
 
 
 def bound(pipeline, group, **numbers):
+    """Bind buffers to the bindings of a group."""
     entries = [{"binding": int(k[1:]), "resource": {"buffer": buffers[b]}} for k, b in numbers.items()]
     return device.create_bind_group(layout=pipeline.get_bind_group_layout(group), entries=entries)
 
@@ -93,10 +95,15 @@ encoder = device.create_command_encoder()
 work = encoder.begin_compute_pass()
 work.set_pipeline(pick)
 work.set_bind_group(0, bound(pick, 0, _0=0, _3=3, _4=4, _5=5))
-work.dispatch_workgroups(-(-len(all) // 64))
+work.dispatch_workgroups(-(-len(every) // 64))
 work.end()
 color = {"view": image.create_view(), "load_op": "clear", "store_op": "store", "clear_value": (1, 1, 1, 1)}
-ground = {"view": depths.create_view(), "depth_load_op": "clear", "depth_store_op": "store", "depth_clear_value": 0}
+ground = {
+    "view": depths.create_view(),
+    "depth_load_op": "clear",
+    "depth_store_op": "store",
+    "depth_clear_value": 0,
+}
 work = encoder.begin_render_pass(color_attachments=[color], depth_stencil_attachment=ground)
 work.set_pipeline(show)
 work.set_bind_group(0, bound(show, 0, _0=0, _1=1, _2=2, _3=3))
@@ -108,4 +115,4 @@ layout = {"bytes_per_row": 4 * SIZE, "rows_per_image": SIZE}
 pixels = device.queue.read_texture({"texture": image}, layout, (SIZE, SIZE, 1))
 Image.fromarray(np.frombuffer(pixels, np.uint8).reshape(SIZE, SIZE, 4)).save(picture)
 drawn = np.frombuffer(device.queue.read_buffer(buffers[5]), np.uint32)[1]
-print(f"{drawn:,} of {len(all):,} clusters drawn; {picture}")
+print(f"{drawn:,} of {len(every):,} clusters drawn; {picture}")

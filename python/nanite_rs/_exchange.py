@@ -11,6 +11,7 @@ import numpy as np
 
 from nanite_rs import _advice, _colors
 from nanite_rs._asset import Notes, Source
+from nanite_rs._export_parts import integers
 from nanite_rs._flatten import settle
 from nanite_rs.exceptions import DependencyError, DtypeError, MeshError
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from nanite_rs.cut import Cut
+    from nanite_rs.texture import Texture
 
 NORMALS: Final = "Normals"
 """Point data that holds normals, as VTK's filters name it."""
@@ -113,6 +115,60 @@ def to_pyvista(cut: Cut) -> Any:
     return out
 
 
+def to_pyvista_parts(cut: Cut) -> list[tuple[Any, Any]]:
+    """Make a PolyData for each material, with the texture of its base colour."""
+    pyvista = _needed("pyvista")
+    whole, notes = to_pyvista(cut), Notes()
+    out = []
+    rows = _rows_of_looks(cut)
+    for number in np.unique(rows).tolist():
+        # Cells in their order, with the points that they use.
+        part = whole.extract_cells(np.flatnonzero(rows == number)).extract_surface(
+            algorithm="dataset_surface"
+        )
+        for name in ("vtkOriginalPointIds", "vtkOriginalCellIds"):
+            part.point_data.pop(name, None)
+            part.cell_data.pop(name, None)
+        texture = cut.materials[number].base_color_texture if cut.materials else None
+        uvs, pixels = _laid(cut, texture, notes)
+        if uvs is None or pixels is None:
+            out.append((part, None))
+            continue
+        used = np.unique(cut.faces[rows == number])
+        # Points are in the order of the cut.
+        part.point_data.active_texture_coordinates = uvs[used]
+        out.append((part, pyvista.Texture(np.ascontiguousarray(pixels))))
+    notes.warn("cut")
+    return out
+
+
+def _rows_of_looks(cut: Cut) -> NDArray[np.int64]:
+    """The look of each face: the last stands for all numbers that have none."""
+    numbers = cut.face_materials
+    rows = np.zeros(len(cut.faces), np.int64) if numbers is None else numbers.astype(np.int64)
+    last = max(len(cut.materials) - 1, 0)
+    return np.where((rows < 0) | (rows > last), last, rows)
+
+
+def _laid(
+    cut: Cut, texture: Texture | None, notes: Notes
+) -> tuple[NDArray[np.float32] | None, NDArray[np.uint8] | None]:
+    """The coordinates by which a texture lies, and its pixels as bytes, rows from the top."""
+    if texture is None or texture.uv_set >= len(cut.uvs):
+        return None, None
+    places = (
+        np.column_stack([cut.uvs[texture.uv_set], np.ones(len(cut.vertices))]) @ np.array(texture._rows()).T
+    )
+    pixels = integers(texture.image, True, notes)
+    if pixels.dtype == np.uint16:
+        pixels = np.rint(pixels / 257.0).astype(np.uint8)
+    if pixels.shape[2] == 2:
+        pixels = pixels[..., [0, 0, 0, 1]]
+    if pixels.shape[2] == 1:
+        pixels = np.repeat(pixels, 3, axis=2)
+    return np.column_stack([places[:, 0], 1.0 - places[:, 1]]).astype(np.float32), pixels
+
+
 def _carried(cut: Cut) -> dict[str, NDArray[Any]]:
     """Colours and channels of vertices by name."""
     colors = cut.fine_colors
@@ -149,7 +205,7 @@ def from_open3d(mesh: Any) -> Source:
 
 
 def to_open3d(cut: Cut) -> Any:
-    """Make an Open3D mesh with normals, colours, the first UV set and face materials."""
+    """Make an Open3D mesh with normals, colours, the first UV set, face materials and textures of base colours."""
     o3d: Any = _needed("open3d")
     rows, numbers = o3d.utility.Vector3dVector, o3d.utility.Vector3iVector
     out = o3d.geometry.TriangleMesh(
@@ -158,10 +214,26 @@ def to_open3d(cut: Cut) -> Any:
     out.vertex_normals = rows(cut.normals.astype(np.float64))
     if cut.fine_colors is not None:
         out.vertex_colors = rows(_colors.unit(cut.fine_colors[:, :3]))
-    if cut.uvs:
-        out.triangle_uvs = o3d.utility.Vector2dVector(cut.uvs[0][cut.faces.reshape(-1)].astype(np.float64))
-    if cut.face_materials is not None:
-        out.triangle_material_ids = o3d.utility.IntVector(cut.face_materials)
+    ids, uvs = cut.face_materials, cut.uvs[0].copy() if cut.uvs else None
+    if uvs is not None and any(look.base_color_texture for look in cut.materials):
+        # Numbers count textures there, so each material has one.
+        ids, notes, images = _rows_of_looks(cut).astype(np.int32), Notes(), []
+        for number, look in enumerate(cut.materials):
+            own, pixels = _laid(cut, look.base_color_texture, notes)
+            used = np.unique(cut.faces[ids == number])
+            if own is not None:
+                uvs[used] = own[used]
+            if pixels is None:
+                color = _colors.to_srgb(np.asarray(look.base_color[:3], np.float64))
+                pixels = np.rint(255.0 * color).astype(np.uint8).reshape(1, 1, 3)
+            # Open3D has rows from below.
+            images.append(o3d.geometry.Image(np.ascontiguousarray(pixels[::-1, :, :3])))
+        notes.warn("cut")
+        out.textures = images
+    if uvs is not None:
+        out.triangle_uvs = o3d.utility.Vector2dVector(uvs[cut.faces.reshape(-1)].astype(np.float64))
+    if ids is not None:
+        out.triangle_material_ids = o3d.utility.IntVector(ids)
     return out
 
 
@@ -192,7 +264,11 @@ def from_meshio(mesh: Any) -> Source:
 
 
 def to_meshio(cut: Cut) -> Any:
-    """Make a meshio mesh that carries all that a cut does."""
+    """Make a meshio mesh that carries all that a cut does, but for materials."""
+    if cut.materials:
+        notes = Notes()
+        notes.add("materials and their textures, for which meshio has no place")
+        notes.warn("cut")
     point_data = {NORMALS: cut.normals} | ({UVS: cut.uvs[0]} if cut.uvs else {}) | _carried(cut)
     cell_data = {} if cut.face_materials is None else {MATERIALS: [cut.face_materials]}
     cell_data |= {name: [values] for name, values in cut.face_channels.items()}

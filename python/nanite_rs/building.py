@@ -247,6 +247,7 @@ def _build_in(
         _make_folder(work, store, resume=resume)
         file, arrays, looks = _given(source, shared, limit, work)
         if arrays and build_memory(_pieces.core(arrays)) > limit:
+            _refuse_rebaking(options)
             if _pieces.has_face_channels(arrays):
                 arrays = _pieces.apart(arrays, work / "apart")
             made = _build(arrays, limit, options or BuildOptions(), work, store, executor, progress)
@@ -336,6 +337,13 @@ def _remove(work: Path, store: _work_store.WorkStore | None) -> None:
                 shutil.rmtree(path, ignore_errors=True)
 
 
+def _refuse_rebaking(options: BuildOptions | None) -> None:
+    if options is not None and options.rebake != "never":
+        raise ArgumentError(
+            f'options: rebake="{options.rebake}" needs all of a mesh in memory; give more, or leave it out'
+        )
+
+
 def _build(
     arrays: Mapping[str, Any],
     limit: int,
@@ -346,10 +354,6 @@ def _build(
     progress: Progress,
 ) -> BlockBuild:
     """Make all blocks from arrays that do not fit."""
-    if options.rebake != "never":
-        raise ArgumentError(
-            f'options: rebake="{options.rebake}" needs all of a mesh in memory; give more memory, or leave it out'
-        )
     key = _key(arrays)
     if executor is not None or store is not None:
         work = work.absolute()  # workers have working directories of their own

@@ -22,19 +22,19 @@ class Clusters:
     """All clusters of all levels, of which a renderer draws some: made by `NaniteMesh.clusters`.
 
     C clusters follow each other, with V vertices and T triangles in all: those of cluster ``c`` are
-    ``vertices[vertex_offsets[c]:vertex_offsets[c + 1]]`` and so on, and corners of its triangles count from its first
-    vertex. A cluster has at most 128 triangles and 255 vertices, one material, and shares no vertex with another; where
-    two touch, both have one at the same position, bit for bit.
+    ``vertices[vertex_offsets[c]:vertex_offsets[c + 1]]`` and so on, and corners of its triangles count from its
+    first vertex. A cluster has at most 128 triangles and 255 vertices, one material, and shares no vertex with
+    another; where two touch, both have one at the same position, bit for bit.
 
-    **The rule of the cut.** A cluster is drawn where its own error, seen at its sphere, takes no more than τ pixels, and
-    that of its group takes more: ::
+    **The rule of the cut.** A cluster is drawn where its own error, seen at its sphere, takes no more than τ
+    pixels, and that of its group takes more: ::
 
         pixels(errors[c], spheres[c]) <= τ < pixels(group_errors[groups[c]], group_spheres[groups[c]])
 
-    Errors rise from a cluster to its group, and the sphere of the group is around that of the cluster. So whatever
-    ``pixels`` is, if it rises with the error and with the sphere, what is drawn is the surface, once and without a crack.
-    For a pinhole, ``error / max(distance of the eye from the centre - radius, near) * height / (2 tan(fov / 2))`` is one.
-    After Karis, Stubbe and Wihlidal (2021). Lengths are in units of the mesh.
+    Errors rise from a cluster to its group, and the sphere of the group is around that of the cluster. So
+    whatever ``pixels`` is, if it rises with the error and with the sphere, what is drawn is the surface, once and
+    without a crack. For a pinhole, ``error / max(distance of the eye from the centre - radius, near) * height /
+    (2 tan(fov / 2))`` is one. After Karis, Stubbe and Wihlidal (2021). Lengths are in units of the mesh.
 
     These arrays are a stable view of the DAG; files and pages may change under them.
 

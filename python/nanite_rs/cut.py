@@ -248,8 +248,14 @@ class Cut(_advice.Teaching):
         """
         _export.export(self, _checks.path_of(path), compression)
 
-    def to_pyvista(self) -> Any:
+    def to_pyvista(self, *, textured: bool = False) -> Any:
         """Convert to a `pyvista.PolyData` with normals, colours, the first UV set, channels and face data.
+
+        Parameters
+        ----------
+        textured : bool
+            Instead return a list of ``(PolyData, pyvista.Texture or None)``, one for each material that faces
+            have: a PolyData holds no image. Its UVs are those by which the texture of the base colour lies.
 
         Raises
         ------
@@ -261,11 +267,19 @@ class Cut(_advice.Teaching):
         >>> mesh = nrs.NaniteMesh.from_arrays(*nrs.shapes.icosphere(faces=20_000))
         >>> mesh.cut(target_faces=1_000).to_pyvista().is_manifold
         True
+
+        To show all that is textured: ``for part, texture in cut.to_pyvista(textured=True):
+        plotter.add_mesh(part, texture=texture)``.
         """
-        return _exchange.to_pyvista(self)
+        textured = _checks.truth(textured, "textured")
+        return _exchange.to_pyvista_parts(self) if textured else _exchange.to_pyvista(self)
 
     def to_open3d(self) -> Any:
         """Convert to an Open3D ``TriangleMesh`` with normals, colours, the first UV set and face materials.
+
+        Where materials have textures, ``textures`` holds an image for each of them, which
+        ``triangle_material_ids`` count: that of the base colour, or one texel of it. UVs are those by which they
+        lie.
 
         Raises
         ------
@@ -276,6 +290,8 @@ class Cut(_advice.Teaching):
 
     def to_meshio(self) -> Any:
         """Convert to a `meshio.Mesh` with normals, colours, the first UV set, channels and face data.
+
+        It has no place for materials, which a warning says where there are some.
 
         Raises
         ------

@@ -69,8 +69,8 @@ class BuildOptions:
     face_ids: bool = False
     """Keep the map from full-detail triangles to rows of the caller's ``faces``."""
     rebake: Literal["never", "auto"] = "never"
-    """Of textured meshes with many charts, such as scans: what is done where seams are in the way. With "auto" levels go
-    on over them, and have images that are sampled from the source for them (`rebake`, which says more)."""
+    """Of textured meshes with many charts, such as scans: what is done where seams are in the way. With "auto"
+    levels go on over them, and show images that are sampled from the source (see `rebake`)."""
     texture_size: int = 2048
     """With ``rebake``: most texels of a side of such an image, 16 to 16,384."""
     threads: int = 0

@@ -23,20 +23,21 @@ def rebake(
     options: BuildOptions | None = None,
     progress: Progress = None,
 ) -> NaniteMesh:
-    """Build a textured mesh anew, with images of their own for the levels that the seams of its textures would stop.
+    """Build a textured mesh anew, with images of their own for levels that seams of its textures would stop.
 
-    Scans have thousands of small charts. A simplifier keeps their seams, and so ends early, or tears textures. Here, levels
-    with an eighth of the triangles or fewer, of which a quarter of the vertices lie on seams, are simplified as if there
-    were none. What comes of them is cut into charts by xatlas, and each texel shows what the source has at the point
-    nearest to it: base colour and emitted light (means in linear light), occlusion, roughness and metallic, and normals.
-    Finer levels keep the images of the source, so that a cut may show both, without a crack.
+    Scans have thousands of small charts. A simplifier keeps their seams, and so ends early, or tears textures.
+    Here, levels with an eighth of the triangles or fewer, of which a quarter of the vertices lie on seams, are
+    simplified as if there were none. What comes of them is cut into charts by xatlas, and each texel shows what
+    the source has at the point nearest to it: base colour and emitted light (means in linear light), occlusion,
+    roughness and metallic, and normals. Finer levels keep the images of the source, so that a cut may show both,
+    without a crack.
 
-    Materials that differ in what no image says (holes, blending, back faces, `unlit`, `smooth`) stay apart; all others
-    become one. Vertex colours and channels are carried along as ever.
+    Materials that differ in what no image says (holes, blending, back faces, `unlit`, `smooth`) stay apart; all
+    others become one. Vertex colours and channels are carried along as ever.
 
     **Errors.** `Cut.error` bounds the distance as ever. An image is right up to its texels: their size is part of
-    `Cut.attribute_error`, and of the error that renderers go by, so that a level is shown where a texel takes no more than
-    a pixel. `BuildReport.rebaked` has them.
+    `Cut.attribute_error`, and of the error that renderers go by, so that a level is shown where a texel takes no
+    more than a pixel. `BuildReport.rebaked` has them.
 
     Parameters
     ----------
@@ -52,8 +53,8 @@ def rebake(
     Returns
     -------
     NaniteMesh
-        Its `NaniteMesh.materials` are those of the source, and behind them those of levels. Where seams are in nobody's
-        way, nothing is baked.
+        Its `NaniteMesh.materials` are those of the source, and behind them those of levels. Where seams are in
+        nobody's way, nothing is baked.
 
     Raises
     ------

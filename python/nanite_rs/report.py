@@ -119,7 +119,9 @@ class BuildReport:
         stuck = tuple(StuckGroup(**group) for group in data.pop("stuck"))
         rebaked = tuple(RebakedPart(**part) for part in data.pop("rebaked", ()))
         known = {f.name for f in fields(cls)}
-        return cls(levels=levels, stuck=stuck, rebaked=rebaked, **{k: v for k, v in data.items() if k in known})
+        return cls(
+            levels=levels, stuck=stuck, rebaked=rebaked, **{k: v for k, v in data.items() if k in known}
+        )
 
     def _mended(self) -> str:
         counts = {
@@ -151,8 +153,8 @@ class BuildReport:
         images = len({part.material for part in self.rebaked})
         finest, coarsest = self.rebaked[0], self.rebaked[-1]
         return (
-            f"{len(self.rebaked)} parts of {finest.triangles:,} to {coarsest.triangles:,} triangles show {images} images,"
-            f" texels of {finest.texel:.4g} to {coarsest.texel:.4g}"
+            f"{len(self.rebaked)} parts of {finest.triangles:,} to {coarsest.triangles:,} triangles "
+            f"show {images} images, texels of {finest.texel:.4g} to {coarsest.texel:.4g}"
         )
 
     _COLUMNS = (

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 import nanite_rs as nrs
 from conftest import SOAK
 from oracles import data
+from oracles.captures import capture
 from test_build_file import LITTLE, assert_bounds_hold, write_ply
 from test_piece_files import assert_same, both
 
@@ -102,36 +102,14 @@ def test_scans_as_one_soup_of_tiles(tmp_path) -> None:
         assert_bounds_hold(mesh.cut(error=error), vertices, faces)
 
 
-def capture(faces: int, charts: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """A closed surface with an atlas: a chart is what is nearest to a direction, seen from there, in a cell."""
-    vertices, triangles = nrs.shapes.displaced_icosphere(faces=faces, seed=3)
-    views = np.random.default_rng(4).normal(size=(charts, 3))
-    views /= np.linalg.norm(views, axis=1, keepdims=True)
-    centers = vertices[triangles].mean(axis=1)
-    _, chart = cKDTree(views).query(centers / np.linalg.norm(centers, axis=1, keepdims=True))
-    pairs, corners = np.unique(
-        np.repeat(chart, 3) * len(vertices) + triangles.reshape(-1), return_inverse=True
-    )
-    own, of_vertex = pairs // len(vertices), pairs % len(vertices)
-    right = np.cross(views, np.where(np.abs(views[:, 1:2]) < 0.9, [[0.0, 1.0, 0.0]], [[1.0, 0.0, 0.0]]))
-    right /= np.linalg.norm(right, axis=1, keepdims=True)
-    across = np.stack([right, np.cross(views, right)], axis=1)
-    places = np.einsum("nij,nj->ni", across[own], vertices[of_vertex])
-    low, high = np.full((charts, 2), np.inf), np.full((charts, 2), -np.inf)
-    np.minimum.at(low, own, places)
-    np.maximum.at(high, own, places)
-    inside = 0.1 + 0.8 * (places - low[own]) / (high - low).max(axis=1)[own, None]
-    cell = np.stack([own % SIDE, own // SIDE], axis=1)
-    return vertices, triangles, (cell + inside) / SIDE, corners.reshape(-1, 3)
-
-
 #: Cells along a side of the atlas.
 SIDE = 45 if SOAK else 8
 
 
 def test_a_capture_with_many_charts(tmp_path) -> None:
     """No cut opens a seam, and no triangle is of two charts."""
-    vertices, faces, uvs, corners = capture(400_000 if SOAK else 16_000, SIDE * SIDE)
+    made = capture(400_000 if SOAK else 16_000, SIDE * SIDE)
+    vertices, faces, uvs, corners = made.vertices, made.faces, made.uvs, made.corners
     lines = ["v " + " ".join(map(repr, row)) for row in vertices.tolist()]
     lines += ["vt " + " ".join(map(repr, row)) for row in uvs.tolist()]
     for face, own in zip((faces + 1).tolist(), (corners + 1).tolist(), strict=True):

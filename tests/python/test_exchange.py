@@ -103,3 +103,81 @@ def test_arrays_are_shared_without_copies(mesh) -> None:
         assert np.shares_memory(shared, array)
         assert array.flags.c_contiguous
         assert array.flags.writeable
+
+
+def textured() -> tuple[nrs.NaniteMesh, list[np.ndarray]]:
+    """Two textures, one of which lies turned and shifted on the second UV set, and a plain colour."""
+    rng = np.random.default_rng(0)
+    images = [rng.integers(0, 255, (8, 16, count)).astype(np.uint8) for count in (3, 4)]
+    looks = [
+        nrs.Material(base_color_texture=nrs.Texture(images[0])),
+        nrs.Material(base_color_texture=nrs.Texture(images[1], uv_set=1, offset=(0.25, 0.5), rotation=0.5)),
+        nrs.Material(base_color=(1.0, 0.0, 0.0)),
+    ]
+    uvs = [VERTICES[:, :2].astype(np.float32), VERTICES[:, 1:].astype(np.float32)]
+    part = (VERTICES[FACES].mean(axis=1)[:, 2] * 1.5 + 1.5).astype(np.int32)
+    mesh = nrs.NaniteMesh.from_arrays(VERTICES, FACES, uvs=uvs, materials=looks, face_materials=part)
+    return mesh, images
+
+
+def expected_uvs(cut: nrs.Cut) -> np.ndarray:
+    """Of each material where its texture lies, from glTF's own words: scale, turn, shift, counted from the top."""
+    u, v = cut.uvs[1][:, 0], 1.0 - cut.uvs[1][:, 1]
+    cos, sin = np.cos(0.5), np.sin(0.5)
+    turned = np.column_stack([cos * u + sin * v + 0.25, 1.0 - (cos * v - sin * u + 0.5)])
+    corners = np.where((cut.face_materials == 1)[:, None, None], turned[cut.faces], cut.uvs[0][cut.faces])
+    return corners.reshape(-1, 2)
+
+
+def test_textures_in_pyvista() -> None:
+    mesh, images = textured()
+    cut = mesh.cut(target_reduction=0.5)
+    parts = cut.to_pyvista(textured=True)
+    assert len(parts) == 3
+    expected = expected_uvs(cut).reshape(-1, 3, 2)
+    for number, (part, texture) in enumerate(parts):
+        own = cut.face_materials == number
+        assert part.n_cells == own.sum()
+        np.testing.assert_array_equal(part.points[part.regular_faces], cut.vertices[cut.faces[own]])
+        if number == 2:
+            assert texture is None
+            continue
+        np.testing.assert_array_equal(texture.to_array(), images[number])
+        uvs = part.point_data.active_texture_coordinates
+        np.testing.assert_allclose(uvs[part.regular_faces], expected[own], atol=1e-6)
+    with pytest.raises(nrs.DtypeError, match="textured: expected True or False"):
+        cut.to_pyvista(textured="yes")
+
+
+class StandIn:
+    """What of Open3D is used, where it is not installed: arrays as they are given."""
+
+    class utility:
+        Vector2dVector = Vector3dVector = Vector3iVector = IntVector = staticmethod(np.asarray)
+
+    class geometry:
+        Image = staticmethod(np.asarray)
+
+        class TriangleMesh:
+            def __init__(self, vertices, triangles) -> None:
+                self.vertices, self.triangles = vertices, triangles
+
+
+def test_textures_in_open3d(monkeypatch) -> None:
+    if "open3d" not in PACKAGES:
+        monkeypatch.setitem(sys.modules, "open3d", StandIn)
+    mesh, images = textured()
+    cut = mesh.cut(target_reduction=0.5)
+    theirs = cut.to_open3d()
+    found = [np.asarray(image) for image in theirs.textures]
+    np.testing.assert_array_equal(found[0], images[0][::-1])
+    np.testing.assert_array_equal(found[1], images[1][::-1, :, :3])
+    np.testing.assert_array_equal(found[2], [[[255, 0, 0]]])
+    np.testing.assert_array_equal(np.asarray(theirs.triangle_material_ids), cut.face_materials)
+    np.testing.assert_allclose(np.asarray(theirs.triangle_uvs), expected_uvs(cut), atol=1e-6)
+
+
+def test_meshio_has_no_place_for_materials() -> None:
+    mesh, _ = textured()
+    with pytest.warns(UserWarning, match="materials and their textures"):
+        mesh.cut(target_faces=100).to_meshio()

@@ -57,16 +57,17 @@ def areas(vertices: NDArray[np.float64], faces: NDArray[np.uint32]) -> NDArray[n
 
 
 def texel(areas: Sequence[float], relative: Sequence[float], size: int) -> float:
-    """Return the texel with which surfaces of these areas, whose texels are larger by these ratios, fit an image."""
+    """Return the texel with which surfaces of these areas fit an image, if theirs are larger by these ratios."""
     return math.sqrt(sum(a / r**2 for a, r in zip(areas, relative, strict=True)) / _FILL) / size
 
 
 def pack(
     surfaces: Sequence[tuple[NDArray[np.float64], NDArray[np.uint32]]], texels: Sequence[float], size: int
 ) -> tuple[list[Charts], tuple[int, int]]:
-    """Cut surfaces into charts, with texels of these sizes, and pack all of them into one image, at most ``size`` a side.
+    """Cut surfaces into charts, with texels of these sizes, and pack all of them into one image.
 
-    Where they need more room, texels are as much larger. Returns the charts of each, and width and height.
+    It has at most ``size`` texels a side. Where they need more room, texels are as much larger. Returns the
+    charts of each, and width and height.
     """
     xatlas = module()
     atlas = xatlas.Atlas()
@@ -79,6 +80,8 @@ def pack(
     how.texels_per_unit = 1.0
     how.padding = PADDING
     how.bilinear = True
+    # Turned charts are mirrored, and some renderers take normals for what they are in others.
+    how.rotate_charts = False
     atlas.generate(charts, how)
     packed = np.array([atlas.width, atlas.height])
     shrunk = max(float(packed.max()) / size, 1.0)

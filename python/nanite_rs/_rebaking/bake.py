@@ -1,4 +1,4 @@
-"""Images of parts of levels: colours, occlusion, roughness, metal, light and normals of the source, texel by texel."""
+"""Images of parts of levels: texel by texel, what the source shows there."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def _means(
                 hits += np.bincount(texel[own], minlength=count)
                 for k in range(CHANNELS):
                     sums[k] += np.bincount(texel[own], values[:, k], minlength=count)
-    means = sums.T / np.maximum(hits, 1.0)[:, None]
+    means = (sums / np.maximum(hits, 1.0)).T.astype(np.float32)
     return means.reshape(height, width, CHANNELS), (hits > 0.0).reshape(height, width)
 
 
@@ -113,8 +113,12 @@ def _look(means: NDArray[np.float32], members: list[Material]) -> Material:
 
     def varies(*names: str) -> bool:
         of = [tuple(getattr(look, name) for name in names) for look in members]
-        textured = [f"{name}_texture" for name in names] + ["metallic_roughness_texture"] * ("metallic" in names)
-        return any(one != of[0] for one in of) or any(getattr(look, name, None) for look in members for name in textured)
+        textured = [f"{name}_texture" for name in names] + ["metallic_roughness_texture"] * (
+            "metallic" in names
+        )
+        return any(one != of[0] for one in of) or any(
+            getattr(look, name, None) for look in members for name in textured
+        )
 
     def file(slot: str) -> bytes | None:
         found = [texture.image.encoded() for look in members if (texture := getattr(look, slot)) is not None]

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from nanite_rs.material import Material
 
-Report = Callable[[int, int], None] | None
+Report = Callable[[int, int], object] | None
 
 # Parts share an image until they have so many times fewer triangles: coarse levels need little of it.
 _SHARED: Final = 8
@@ -64,14 +64,14 @@ def build(
         return grown.finish([]), looks
     source = Source(_surface(arrays, kinds.looks), kinds)
     shown, baked = list(kinds.looks), {}
-    for numbers in _by_material(parts):
-        members = [kinds.look(number) for number in kinds.members[parts[numbers[0]].material - kinds.first]]
-        texel = _texels([parts[k] for k in numbers], source.texel(), size)
-        for band in _bands([len(parts[k].faces) for k in numbers]):
-            own = [parts[numbers[k]] for k in band]
+    for rows in _by_material(parts):
+        members = [kinds.look(number) for number in kinds.members[parts[rows[0]].material - kinds.first]]
+        texel = _texels([parts[k] for k in rows], source.texel(), size)
+        for band in _bands([len(parts[k].faces) for k in rows]):
+            own = [parts[rows[k]] for k in band]
             atlases, look = bake(own, members, source, [texel[k] for k in band], size)
             for k, one in zip(band, atlases, strict=True):
-                baked[numbers[k]] = one | {"material": len(shown)}
+                baked[rows[k]] = one | {"material": len(shown)}
             shown.append(look)
     return grown.finish([baked[k] for k in range(len(parts))]), tuple(shown)
 
@@ -134,7 +134,9 @@ def _smooth(vertices: NDArray[Any], faces: NDArray[Any]) -> NDArray[np.float32]:
     places = places.reshape(-1)
     corners = vertices[faces].astype(np.float64)
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    sums = np.stack([np.bincount(places[faces].reshape(-1), np.repeat(across[:, k], 3)) for k in range(3)], axis=1)
+    sums = np.stack(
+        [np.bincount(places[faces].reshape(-1), np.repeat(across[:, k], 3)) for k in range(3)], axis=1
+    )
     size = np.linalg.norm(sums, axis=1, keepdims=True)
     normals = np.divide(sums, size, out=np.zeros_like(sums), where=size > 0.0)
     return np.asarray(normals[places], np.float32)

@@ -56,7 +56,9 @@ def of_faces(looks: Sequence[Material], numbers: NDArray[np.integer[Any]] | None
     used = [0] if numbers is None else np.unique(numbers).tolist()
     most = max([*used, len(looks) - 1])
     if most >= _MOST_NUMBERS:
-        raise ArgumentError(f"face_materials: {most} leaves no number to rebake with; {_MOST_NUMBERS} are allowed")
+        raise ArgumentError(
+            f"face_materials: {most} leaves no number to rebake with; {_MOST_NUMBERS} are allowed"
+        )
     # The last one stands for all further numbers, and for negative ones, which count from the end.
     padded = (*looks, *[looks[-1]] * (most + 1 - len(looks)))
     known: dict[tuple[Any, ...], int] = {}

@@ -39,16 +39,16 @@ class Source:
         self._texel: float | None = None
 
     def texel(self) -> float:
-        """The size of the texels of its images, in units of the mesh; 0 where it has none."""
+        """The size of its detail, in units of the mesh: of a texel, or of a triangle, whose normals are some."""
         if self._texel is None:
-            self._texel = self._median_texel()
+            self._texel = self._finest()
         return self._texel
 
-    def _median_texel(self) -> float:
-        """The size of the texels of its images, in units of the mesh: the median over its area, of the finest image."""
+    def _finest(self) -> float:
         corners = self.vertices[self.faces]
-        across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        areas = np.linalg.norm(across, axis=1)
+        across = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        areas = np.sqrt(dot(across, across))
+        triangle = math.sqrt(float(areas.sum()) / 2.0 / len(areas))
         sizes = np.full(len(areas), np.inf)
         for number in np.unique(self._numbers).tolist():
             own = self._numbers == number
@@ -62,12 +62,15 @@ class Source:
                 sizes[own] = np.fmin(sizes[own], np.where(covered > 0.0, size, np.inf))
         known = np.isfinite(sizes) & (areas > 0.0)
         if not known.any():
-            return 0.0
+            return triangle
+        # The median over its area, of the finest image of each part.
         order = np.argsort(sizes[known], kind="stable")
         upto = np.cumsum(areas[known][order])
-        return float(sizes[known][order][np.searchsorted(upto, upto[-1] / 2.0)])
+        return min(float(sizes[known][order][np.searchsorted(upto, upto[-1] / 2.0)]), triangle)
 
-    def _sides(self, texture: Texture, rows: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _sides(
+        self, texture: Texture, rows: NDArray[np.int64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return two sides of faces in texels of an image."""
         corners = self._places(texture)[self.faces[rows]] * texture.image.size
         return corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
@@ -79,7 +82,7 @@ class Source:
         return np.asarray(uv @ rows[:, :2].T + rows[:, 2])
 
     def at(self, points: NDArray[np.float64], texel: float) -> NDArray[np.float32]:
-        """Return (N, CHANNELS) of the nearest points of the surface; means over about a texel where images are finer."""
+        """Return (N, CHANNELS) of the nearest points; means over about a texel where images are finer."""
         _, rows, nearest = _core.closest_points(points, self.vertices, self.faces)
         shares = _shares(self.vertices[self.faces[rows]], nearest)
         normals = unit(mixed(self._normals[self.faces[rows]], shares))
@@ -109,7 +112,9 @@ class Source:
             normals = unit(cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
         out[:, NORMAL] = normals
         found = {
-            slot: self._sampled(texture, slot in ("base_color_texture", "emissive_texture"), rows, shares, texel)
+            slot: self._sampled(
+                texture, slot in ("base_color_texture", "emissive_texture"), rows, shares, texel
+            )
             for slot, texture in textures(look)
             if texture.uv_set < len(self._uvs)
         }
@@ -207,8 +212,8 @@ def frames(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return where the rows of an image lie along, and where its columns go up, at right angles to normals.
 
-    ``corners`` are (N, 3, 3), ``places`` theirs in the image, v down (docs/materials.md). Both are 0 where coordinates
-    have no area.
+    ``corners`` are (N, 3, 3), ``places`` theirs in the image, v down (docs/materials.md). Both are 0 where
+    coordinates have no area.
     """
     e, f = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     s, t = places[:, 1] - places[:, 0], places[:, 2] - places[:, 0]
@@ -223,7 +228,7 @@ def frames(
 
 def dot(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the products of rows."""
-    return np.einsum("nk,nk->n", a, b)
+    return np.asarray(np.einsum("nk,nk->n", a, b))
 
 
 def cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -234,7 +239,7 @@ def cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]
 
 def mixed(corners: NDArray[np.float64], shares: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return means of corners (N, 3, K) by barycentric coordinates (N, 3)."""
-    return np.einsum("nck,nc->nk", corners, shares)
+    return np.asarray(np.einsum("nck,nc->nk", corners, shares))
 
 
 def unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -18,8 +18,10 @@ _AT_A_TIME: Final = 1 << 22
 def covered(
     places: NDArray[np.float64], faces: NDArray[np.integer[Any]], size: tuple[int, int]
 ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]]:
-    """Yield texels whose centres lie in triangles: their numbers, row by row from below, the triangles, and (N, 3)
-    barycentric coordinates. What several triangles share is yielded for each."""
+    """Yield texels whose centres lie in triangles, for each of these.
+
+    They come as their numbers, row by row from below, the triangles, and (N, 3) barycentric coordinates.
+    """
     width, height = size
     corners = places[faces]
     low = np.clip(np.floor(corners.min(axis=1) - 0.5).astype(np.int64), 0, [width, height])
@@ -39,7 +41,11 @@ def covered(
         second, third = _shares(corners, triangle, x + 0.5, y + 0.5)
         inside = np.flatnonzero((second >= 0.0) & (third >= 0.0) & (second + third <= 1.0))
         second, third = second[inside], third[inside]
-        yield (y * width + x)[inside], triangle[inside], np.stack([1.0 - second - third, second, third], axis=1)
+        yield (
+            (y * width + x)[inside],
+            triangle[inside],
+            np.stack([1.0 - second - third, second, third], axis=1),
+        )
         first = last
 
 
