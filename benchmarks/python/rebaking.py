@@ -30,7 +30,12 @@ def sources() -> dict[str, dict[str, object]]:
         made = capture(120_000, charts, seed=charts)
         image = nrs.Texture(made.painted(SIZE, stripes))
         look = nrs.Material(base_color=(1, 1, 1), metallic=0.0, base_color_texture=image)
-        out[f"stone, {charts:,} charts"] = made.arrays() | {"materials": look}
+        arrays = made.arrays()
+        out[f"stone, {charts:,} charts"] = arrays | {"materials": look}
+    # As of four images: those of the quarters of the atlas.
+    quarter = arrays["uvs"][arrays["faces"][:, 0]] >= 0.5
+    several = {"materials": [look] * 4, "face_materials": quarter @ np.array([1, 2], np.int32)}
+    out["the same of four materials"] = arrays | several
     return out
 
 

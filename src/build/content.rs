@@ -97,10 +97,10 @@ impl Content {
 
     /// The same where images have what normals and texture coordinates say: these are carried along, and count nothing.
     #[must_use]
-    pub fn without_looks(&self, coordinates: &Range<usize>) -> Self {
+    pub fn unmeasured(&self, coordinates: &Range<usize>) -> Self {
         let mut out = self.clone();
-        let is_look = |block: &Block| block.unit || coordinates.contains(&block.columns.start);
-        for block in out.blocks.iter_mut().filter(|block| is_look(block)) {
+        let is_shown = |block: &Block| block.unit || coordinates.contains(&block.columns.start);
+        for block in out.blocks.iter_mut().filter(|block| is_shown(block)) {
             block.measured = false;
         }
         out

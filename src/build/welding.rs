@@ -63,7 +63,7 @@ impl Welding {
         let most = options.cluster_vertices.min(CORNERS * options.cluster_triangles) / CORNERS;
         Self {
             rebaking,
-            content: content.without_looks(&columns(layout)),
+            content: content.unmeasured(&columns(layout)),
             columns: columns(layout),
             options: BuildOptions { cluster_triangles: most, ..options.clone() },
             is_on: false,

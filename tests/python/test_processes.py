@@ -191,6 +191,20 @@ def test_exports_work_in_children_of_every_start(tmp_path) -> None:
         """
         opened, shown = nrs.NaniteMesh.open(file), scene_of(mesh)
 
+        def of_charts():
+            vertices, faces = nrs.shapes.displaced_icosphere(faces=4_000)
+            corners = vertices[faces].reshape(-1, 3)
+            uvs = np.random.default_rng(0).random((len(corners), 2), np.float32)
+            image = np.random.default_rng(1).integers(0, 255, (32, 32, 3)).astype(np.uint8)
+            look = nrs.Material(base_color_texture=nrs.Texture(image))
+            faces = np.arange(len(corners)).reshape(-1, 3)
+            return nrs.NaniteMesh.from_arrays(corners, faces, uvs=uvs, materials=look)
+
+        def rebaked(plain):
+            made = nrs.rebake(plain, texture_size=128)
+            coarse = made.cut(error=np.inf)
+            return coarse.vertices, coarse.uvs[0], made.materials[-1].base_color_texture.image.pixels
+
         def content(folder):
             names = sorted(path for path in pathlib.Path(folder).rglob("*") if path.is_file())
             return digest(*(np.frombuffer(path.read_bytes(), np.uint8) for path in names)), len(names)
@@ -215,6 +229,8 @@ def test_exports_work_in_children_of_every_start(tmp_path) -> None:
             "tiles opened before": lambda: written(lambda to: opened.to_3dtiles(to, triangles=3_000)),
             "tiles of a scene": lambda: written(lambda to: shown.to_3dtiles(to, triangles=3_000)),
             "fragments": lambda: written(lambda to: mesh.to_neuroglancer(to, 1, triangles=3_000)),
+            "clusters": lambda: digest(*(getattr(mesh.clusters(), n) for n in ("vertices", "errors", "ids"))),
+            "rebaked": lambda: digest(*rebaked(of_charts())),
         }
         same_on_both_sides(calls)
         """,
