@@ -200,10 +200,10 @@ class NaniteMesh(Geometry):
     ) -> NaniteMesh:
         how = options or BuildOptions()
         arrays = core_arrays(vertices, faces, given, channels)
-        with reporter(progress, "building") as report:
-            if how.rebake == "auto" and rebaking.is_asked_for(arrays, given, looks):
-                core, looks = rebaking.build(arrays, how._core(), looks, how.texture_size, report)
-            else:
+        if how.rebake == "auto" and rebaking.is_asked_for(arrays, given, looks):
+            core, looks = rebaking.build(arrays, how._core(), looks, how.texture_size, progress)
+        else:
+            with reporter(progress, "building") as report:
                 core = CoreMesh.build(arrays, options=how._core(), progress=report)
         mesh = cls._wrap(core)
         mesh._materials = looks

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import deque
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
@@ -14,6 +16,8 @@ from nanite_rs._rebaking.source import CHANNELS, COLOR, LIGHT, NORMAL, ORM, Sour
 from nanite_rs.texture import Texture
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
     from numpy.typing import NDArray
 
     from nanite_rs._rebaking.atlas import Charts
@@ -21,8 +25,6 @@ if TYPE_CHECKING:
 
 # Samples of a texel along a side, at most.
 _MOST_SAMPLES: Final = 4
-# Points of the source that are looked up at a time.
-_AT_A_TIME: Final = 1 << 21
 
 
 @dataclass
@@ -37,15 +39,32 @@ class Part:
     area: float
 
 
+@dataclass
+class _Points:
+    """Points of a part that are looked up together."""
+
+    part: Part
+    chart: Charts
+    texels: NDArray[np.int64]
+    """The texel that each lies in."""
+    rows: NDArray[np.int64]
+    """The triangle of the part,"""
+    shares: NDArray[np.float64]
+    """and the barycentric coordinates there."""
+    texel: float
+    """How far they are apart."""
+
+
 def bake(
-    parts: list[Part], members: list[Material], source: Source, wanted: list[float], size: int
+    parts: list[Part], members: list[Material], source: Source, wanted: list[float], size: int, threads: int
 ) -> tuple[list[dict[str, Any]], Material]:
     """Return an atlas for each part, as the core takes them, and the material that shows their image.
 
-    Texels are as large as ``wanted``, or larger where the image would be of more than ``size`` a side.
+    Texels are as large as ``wanted``, or larger where the image would be of more than ``size`` a side. What they
+    show does not depend on the number of threads.
     """
     charts, extent = atlas.pack([(part.vertices, part.faces) for part in parts], wanted, size)
-    means, known = _means(parts, charts, extent, source)
+    means, known = _means(parts, charts, extent, source, threads)
     look = _look(texels.filled(means, known, atlas.PADDING), members)
     sides = np.array(extent, np.float64)
     atlases = [
@@ -61,7 +80,7 @@ def bake(
 
 
 def _means(
-    parts: list[Part], charts: list[Charts], extent: tuple[int, int], source: Source
+    parts: list[Part], charts: list[Charts], extent: tuple[int, int], source: Source, threads: int
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     """Return what texels show, rows from below (H, W, CHANNELS), and which show something."""
     width, height = extent
@@ -69,35 +88,53 @@ def _means(
     sums = np.zeros((CHANNELS, count), np.float32)
     hits = np.zeros(count, np.float32)
     finest = source.texel()
-    for part, chart in zip(parts, charts, strict=True):
-        per_side = chart.texel / finest if finest > 0.0 else 1.0
-        samples = min(max(round(per_side / 2.0), 1), _MOST_SAMPLES)
-        grid = (width * samples, height * samples)
-        for at, rows, shares in texels.covered(chart.places * samples, chart.faces, grid):
-            texel = at // grid[0] // samples * width + at % grid[0] // samples
-            for start in range(0, len(at), _AT_A_TIME):
-                own = slice(start, start + _AT_A_TIME)
-                values = _values(part, chart, rows[own], shares[own], source, chart.texel / samples, extent)
-                hits += np.bincount(texel[own], minlength=count)
-                for k in range(CHANNELS):
-                    sums[k] += np.bincount(texel[own], values[:, k], minlength=count)
+
+    def points() -> Iterator[_Points]:
+        for part, chart in zip(parts, charts, strict=True):
+            per_side = chart.texel / finest if finest > 0.0 else 1.0
+            samples = min(max(round(per_side / 2.0), 1), _MOST_SAMPLES)
+            grid = (width * samples, height * samples)
+            for at, rows, shares in texels.covered(chart.places * samples, chart.faces, grid):
+                texel = at // grid[0] // samples * width + at % grid[0] // samples
+                yield _Points(part, chart, texel, rows, shares, chart.texel / samples)
+
+    def shown(own: _Points) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+        return own.texels, _values(own, source, extent)
+
+    for texel, values in _in_order(shown, points(), threads):
+        hits += np.bincount(texel, minlength=count)
+        for k in range(CHANNELS):
+            sums[k] += np.bincount(texel, values[:, k], minlength=count)
     means = (sums / np.maximum(hits, 1.0)).T.astype(np.float32)
     return means.reshape(height, width, CHANNELS), (hits > 0.0).reshape(height, width)
 
 
-def _values(
-    part: Part,
-    chart: Charts,
-    rows: NDArray[np.int64],
-    shares: NDArray[np.float64],
-    source: Source,
-    texel: float,
-    extent: tuple[int, int],
-) -> NDArray[np.float32]:
+def _in_order(
+    work: Callable[[_Points], tuple[NDArray[np.int64], NDArray[np.float32]]],
+    items: Iterator[_Points],
+    threads: int,
+) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float32]]]:
+    """Yield what comes of items, in their order, with few of them in memory."""
+    waiting: deque[Future[tuple[NDArray[np.int64], NDArray[np.float32]]]] = deque()
+    with ThreadPoolExecutor(threads) as pool:
+        try:
+            for item in items:
+                waiting.append(pool.submit(work, item))
+                if len(waiting) > threads:
+                    yield waiting.popleft().result()
+            while waiting:
+                yield waiting.popleft().result()
+        finally:
+            for future in waiting:
+                future.cancel()
+
+
+def _values(own: _Points, source: Source, extent: tuple[int, int]) -> NDArray[np.float32]:
     """Return what the source shows at points of a part, with normals in the frames of its triangles."""
+    part, chart, rows, shares = own.part, own.chart, own.rows, own.shares
     vertices = chart.origins[chart.faces[rows]]
     corners = part.vertices[vertices]
-    values = source.at(mixed(corners, shares), texel)
+    values = source.at(mixed(corners, shares), own.texel)
     normals = unit(mixed(part.normals[vertices], shares))
     places = chart.places[chart.faces[rows]] * [1.0, -1.0] + [0.0, extent[1]]
     along, side = frames(corners, places, normals)

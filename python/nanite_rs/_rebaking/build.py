@@ -3,24 +3,25 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from nanite_rs import _core
 from nanite_rs._export_parts import Arrays
+from nanite_rs._progress import reporter
 from nanite_rs._rebaking import atlas, classes
 from nanite_rs._rebaking.bake import Part, bake
 from nanite_rs._rebaking.source import Source
 from nanite_rs.exceptions import ArgumentError
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from numpy.typing import NDArray
 
+    from nanite_rs._progress import Progress
     from nanite_rs.material import Material
-
-Report = Callable[[int, int], object] | None
 
 # Parts share an image until they have so many times fewer triangles: coarse levels need little of it.
 _SHARED: Final = 8
@@ -42,7 +43,11 @@ def is_asked_for(arrays: dict[str, Any], given: Mapping[str, Any], looks: tuple[
 
 
 def build(
-    arrays: dict[str, Any], options: dict[str, Any], looks: tuple[Material, ...], size: int, report: Report
+    arrays: dict[str, Any],
+    options: dict[str, Any],
+    looks: tuple[Material, ...],
+    size: int,
+    progress: Progress,
 ) -> tuple[_core.Mesh, tuple[Material, ...]]:
     """Build; return the mesh and its looks: those given, and those that show what was baked.
 
@@ -58,21 +63,28 @@ def build(
     atlas.module()
     kinds = classes.of_faces(looks, arrays["face_materials"])
     numbers = (kinds.first, kinds.first + len(kinds.members))
-    grown = _core.Unbaked(arrays, options=options, classes=kinds.pairs(), numbers=numbers, progress=report)
+    with reporter(progress, "building") as report:
+        grown = _core.Unbaked(
+            arrays, options=options, classes=kinds.pairs(), numbers=numbers, progress=report
+        )
     parts = [_part(found) for found in grown.surfaces()]
     if not parts:
         return grown.finish([]), looks
     source = Source(_surface(arrays, kinds.looks), kinds)
     shown, baked = list(kinds.looks), {}
-    for rows in _by_material(parts):
-        members = [kinds.look(number) for number in kinds.members[parts[rows[0]].material - kinds.first]]
-        texel = _texels([parts[k] for k in rows], source.texel(), size)
-        for band in _bands([len(parts[k].faces) for k in rows]):
-            own = [parts[rows[k]] for k in band]
-            atlases, look = bake(own, members, source, [texel[k] for k in band], size)
-            for k, one in zip(band, atlases, strict=True):
-                baked[rows[k]] = one | {"material": len(shown)}
-            shown.append(look)
+    threads = options["threads"] or _core.num_threads()
+    with reporter(progress, "baking") as report:
+        for rows in _by_material(parts):
+            members = [kinds.look(number) for number in kinds.members[parts[rows[0]].material - kinds.first]]
+            texel = _texels([parts[k] for k in rows], source.texel(), size)
+            for band in _bands([len(parts[k].faces) for k in rows]):
+                own = [parts[rows[k]] for k in band]
+                atlases, look = bake(own, members, source, [texel[k] for k in band], size, threads)
+                for k, one in zip(band, atlases, strict=True):
+                    baked[rows[k]] = one | {"material": len(shown)}
+                shown.append(look)
+                if report is not None:
+                    report(len(baked), len(parts))
     return grown.finish([baked[k] for k in range(len(parts))]), tuple(shown)
 
 

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 # Candidates that are looked at at a time.
-_AT_A_TIME: Final = 1 << 22
+_AT_A_TIME: Final = 1 << 21
 
 
 def covered(
