@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias
 
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
     from nanite_rs._progress import Progress
     from nanite_rs._rig import Animation, Bend, Rig
+    from nanite_rs.material import Look
     from nanite_rs.options import VirtualName
 
 __all__ = ["LoadedScene", "load_scene"]
@@ -266,6 +267,16 @@ class Making:
     rests: dict[tuple[str, int], NaniteMesh] = field(default_factory=dict)
     """Meshes at rest, by the names of their parts and how many joints they have: nodes share them."""
 
+    @property
+    def rebakes(self) -> bool:
+        """Whether levels may have images of their own."""
+        return self.options is not None and self.options.rebake != "never"
+
+    def look(self, part: Part, mesh: Built) -> Look:
+        """The look of an instance: that of the part, and those of levels with images of their own."""
+        rebaked = self.rebakes and isinstance(mesh, NaniteMesh) and mesh.report.rebaked
+        return mesh.materials if rebaked else part.material
+
     def mesh(self, part: Part, instances: int, notes: Notes) -> Built:
         """The mesh of a part that so many instances show."""
         source = part.source
@@ -279,7 +290,10 @@ class Making:
         carries = bool(source.channels or source.face_channels) or creases
         builds = pays(self.virtual, len(source.faces) * instances) or (self.virtual == "auto" and carries)
         if builds and part.bend is None:
-            return NaniteMesh.from_arrays(**arrays, options=self.options, progress=self.progress)
+            looks = part.material if self.rebakes else None
+            return NaniteMesh.from_arrays(
+                **arrays, materials=looks, options=self.options, progress=self.progress
+            )
         if builds and part.bend is not None and part.bend.follows_joints:
             return self._skinned(part.name, arrays, part.bend)
         if carries:
@@ -296,7 +310,9 @@ class Making:
             rows = SkinnedMesh.joint_weights(joints, weights, joint_count=len(skin.joints))
             arrays = {**arrays, "vertices": bend.vertices, "normals": bend.normals}
             arrays["channels"] = {**(arrays["channels"] or {}), WEIGHTS: rows}
-            self.rests[key] = NaniteMesh.from_arrays(**arrays, options=self.options, progress=self.progress)
+            # Levels of what moves show the images of the source.
+            how = None if self.options is None else replace(self.options, rebake="never")
+            self.rests[key] = NaniteMesh.from_arrays(**arrays, options=how, progress=self.progress)
         return SkinnedMesh(self.rests[key], channel=WEIGHTS)
 
 
@@ -394,7 +410,7 @@ def _build(asset: Asset, scene: Scene | None, making: Making) -> LoadedScene:
 
 
 def _add_meshes(asset: Asset, loaded: LoadedScene, making: Making) -> None:
-    made: dict[int, Built] = {}
+    made: dict[tuple[int, int], Built] = {}
     drawn: dict[int, Points | Lines] = {}
     instances = Counter(id(part.source) for _, number, _ in asset.placed for part in asset.meshes[number])
     follows = asset.nodes or [None] * len(asset.placed)
@@ -411,12 +427,13 @@ def _add_meshes(asset: Asset, loaded: LoadedScene, making: Making) -> None:
         own = loaded.instances.setdefault(name, [])
         for part in parts:
             with named(asset.name, part.name):
-                mesh = made.get(id(part.source))
+                key = id(part.source), id(part.material) if making.rebakes else 0
+                mesh = made.get(key)
                 if mesh is None:
                     settle(part.source, asset.notes)
-                    mesh = made[id(part.source)] = making.mesh(part, instances[id(part.source)], asset.notes)
+                    mesh = made[key] = making.mesh(part, instances[id(part.source)], asset.notes)
                 flat = not _is_invertible(pose)
-                node = loaded.scene.add(mesh, pose=None if flat else pose, material=part.material)
+                node = loaded.scene.add(mesh, pose=None if flat else pose, material=making.look(part, mesh))
                 own.append(node)
                 if motion is not None:
                     motion.note(node, mesh, part.bend, follow if moves else None, hidden=flat)

@@ -270,6 +270,26 @@ def test_files_of_a_coarse_cut_have_its_image_alone(rebaked, tmp_path) -> None:
     assert (tmp_path / "coarse.glb").stat().st_size < 300_000
 
 
+def test_scenes_of_files(stone, tmp_path) -> None:
+    """Each mesh of a scene has images of its own, and instances show them."""
+    nrs.NaniteMesh.from_arrays(**stone).cut(error=0.0).export(tmp_path / "x.glb")
+    loaded = nrs.load_scene(tmp_path / "x.glb", options=REBAKE)
+    ((node,),) = loaded.instances.values()
+    assert len(node.material) == len(node.mesh.materials) > 1
+    assert node.mesh.report.rebaked
+    plain = nrs.load_scene(tmp_path / "x.glb", options=replace(REBAKE, rebake="never"))
+    ((other,),) = plain.instances.values()
+    assert not isinstance(other.material, tuple) or len(other.material) == 1
+    size = float(np.linalg.norm(np.ptp(stone["vertices"], axis=0)))
+    pose, lens = nrs.look_at([0, 0, 20 * size], [0, 0, 0]), nrs.PerspectiveCamera(yfov=0.06)
+    shown = []
+    for one in (loaded.scene, plain.scene):
+        one.add(nrs.DirectionalLight(intensity=3.0), pose=pose)
+        with nrs.Renderer(96, 96, backend="cpu") as renderer:
+            shown.append(renderer.render(one, lens, pose, pixel_error=4.0).color[..., :3])
+    assert nrs.compare(*shown).flip < 0.08
+
+
 def test_tiles_of_it(rebaked, tmp_path) -> None:
     report = rebaked.to_3dtiles(tmp_path / "tiles", triangles=2_000, up="z")
     assert report.tiles > 4
