@@ -72,7 +72,7 @@ class BuildOptions:
     """Of textured meshes with many charts, such as scans: what is done where seams are in the way. With "auto"
     levels go on over them, and show images that are sampled from the source (see `rebake`)."""
     texture_size: int = 2048
-    """With ``rebake``: most texels of a side of such an image, 16 to 16,384."""
+    """With ``rebake``: most texels of a side of such an image, 16 to 8,192."""
     threads: int = 0
     """Threads; 0 uses all cores. The result does not depend on it."""
 
@@ -82,7 +82,7 @@ class BuildOptions:
             "cluster_vertices": (32, 255),
             "group_clusters": (4, 24),
             "threads": (0, _core.MOST_THREADS),
-            "texture_size": (16, 16_384),
+            "texture_size": (16, 8_192),
         }
         checked: dict[str, Any] = {n: _checks.whole(getattr(self, n), n, *of) for n, of in limits.items()}
         for name, alias in get_type_hints(type(self)).items():

@@ -237,6 +237,14 @@ def test_materials_become_one_where_images_can_say_it(stone) -> None:
     apart = nrs.NaniteMesh.from_arrays(
         **stone | {"materials": [textured, holes]}, face_materials=part, options=REBAKE
     )
+    bare = nrs.NaniteMesh.from_arrays(
+        **stone | {"materials": replace(textured, unlit=True, normal_texture=textured.base_color_texture)},
+        options=REBAKE,
+    )
+    look = bare.materials[-1]
+    assert look.unlit
+    assert look.base_color_texture.image is not textured.base_color_texture.image
+    assert look.normal_texture is None
     modes = {apart.materials[part.material].alpha_mode for part in apart.report.rebaked}
     assert modes == {"opaque", "mask"}
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from nanite_rs import _colors
+from nanite_rs._export_parts import TEXTURES
 from nanite_rs._export_textures import stored
 from nanite_rs._rebaking import atlas, texels
 from nanite_rs._rebaking.source import CHANNELS, COLOR, LIGHT, NORMAL, ORM, Source, dot, frames, mixed, unit
@@ -161,7 +162,8 @@ def _look(means: NDArray[np.float32], members: list[Material]) -> Material:
         found = [texture.image.encoded() for look in members if (texture := getattr(look, slot)) is not None]
         return found[0] if found else None
 
-    out: dict[str, Any] = {}
+    # Images of the source lie otherwise.
+    out: dict[str, Any] = dict.fromkeys(TEXTURES)
     if varies("base_color"):
         holes = first.alpha_mode != "opaque"
         color = np.clip(pixels[..., COLOR][..., : 4 if holes else 3], 0.0, 1.0)
