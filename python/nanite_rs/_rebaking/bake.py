@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from nanite_rs import _colors
-from nanite_rs._export_parts import TEXTURES
+from nanite_rs._asset import TEXTURES
 from nanite_rs._export_textures import stored
 from nanite_rs._rebaking import atlas, texels
 from nanite_rs._rebaking.source import CHANNELS, COLOR, LIGHT, NORMAL, ORM, Source, dot, frames, mixed, unit
