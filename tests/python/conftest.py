@@ -98,6 +98,18 @@ SOAKED = {
     "content": {
         "test_textures_stay_in_place": ("chess", "ToyCar"),
     },
+    "cuts_elsewhere": {
+        "test_a_tenth": (
+            "AlphaBlend",
+            "FlightHelmet",
+            "MultiUV",
+            "VertexColor",
+            "chess",
+            "house",
+            "scene",
+            "shaderball",
+        ),
+    },
     "decimate": {
         "test_is_nearer_than_fast_simplification": ("turbine", "armadillo"),
     },
@@ -118,6 +130,9 @@ SOAKED = {
     "nasty": {
         "test_nasty_and_cad_arrays_keep_their_surface": ("generic_twin", "zdm2_level"),
         "test_nasty_and_cad_files": ("zdm2_level", "generic_twin"),
+    },
+    "rebaking": {
+        "test_captures_of_thousands_of_charts": ("",),
     },
     "shadows": {
         "test_rays_and_shadows_agree_but_for_a_band_about_edges": ("scan-0.25", "ball-1.0"),

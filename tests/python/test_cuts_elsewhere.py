@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 
 import numpy as np
 import pytest
@@ -13,7 +12,6 @@ from oracles import camera, data, picture
 from oracles.compare import psnr
 
 WIDTH, HEIGHT = 480, 320
-SOAK = bool(os.environ.get("NANITE_SOAK"))
 #: What pyrender, or trimesh before it, leaves out of a file: compared is what it has kept.
 LEFT_OUT = {
     "FlightHelmet": "what is behind glass",
@@ -24,11 +22,7 @@ LEFT_OUT = {
 }
 #: Decibels that outlines take, which the two draw by rules of their own: fences and leaves, wires of a car.
 THIN = {"house": 2.5, "scene": 0.5}
-#: What is drawn with each change; all of them in the soak.
-FEW = ["NegativeScaleTest", "ToyCar", "dutch_ship_medium_1k", "SheenChair"]
-
-
-ASSETS = [path for path in data.folder_models("gltf") if SOAK or path.stem in FEW]
+ASSETS = data.folder_models("gltf")
 
 
 @pytest.mark.parametrize("path", ASSETS or [None], ids=lambda path: "absent" if path is None else path.stem)

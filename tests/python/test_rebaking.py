@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from dataclasses import replace
 
@@ -16,7 +15,6 @@ from oracles.captures import capture
 
 FOSSIL = ("scans", "smithsonian_fossil_100k", "USNM_1145291-150k-2048-medium-100k-2048_draco.glb")
 REBAKE = nrs.BuildOptions(rebake="auto", texture_size=512, quality="fast", error="quadric")
-SOAK = bool(os.environ.get("NANITE_SOAK"))
 
 
 def stripes(points: np.ndarray) -> np.ndarray:
@@ -362,7 +360,6 @@ def test_a_scan() -> None:
     assert max(flip(mesh, triangles) for triangles in fine) <= 0.06
 
 
-@pytest.mark.skipif(not SOAK, reason="minutes: NANITE_SOAK=1")
 @pytest.mark.parametrize("charts", [2_025, 2_601])
 def test_captures_of_thousands_of_charts(charts) -> None:
     made = capture(120_000, charts, seed=charts)
