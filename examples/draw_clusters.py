@@ -1,4 +1,4 @@
-"""A renderer of one's own in 60 lines: the GPU picks the clusters of the cut, and one indirect draw shows them.
+"""A renderer of one's own: the GPU picks the clusters of the cut, and one indirect draw shows them.
 
 python examples/draw_clusters.py [mesh] [picture.png]    needs: pip install wgpu pillow
 """

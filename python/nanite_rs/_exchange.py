@@ -11,7 +11,7 @@ import numpy as np
 
 from nanite_rs import _advice, _colors
 from nanite_rs._asset import Notes, Source
-from nanite_rs._export_parts import integers
+from nanite_rs._export_parts import integers, rows_of_looks
 from nanite_rs._flatten import settle
 from nanite_rs.exceptions import DependencyError, DtypeError, MeshError
 
@@ -119,8 +119,10 @@ def to_pyvista_parts(cut: Cut) -> list[tuple[Any, Any]]:
     """Make a PolyData for each material, with the texture of its base colour."""
     pyvista = _needed("pyvista")
     whole, notes = to_pyvista(cut), Notes()
+    if not cut.materials:
+        return [(whole, None)]
     out = []
-    rows = _rows_of_looks(cut)
+    rows = rows_of_looks(cut)
     for number in np.unique(rows).tolist():
         # Cells in their order, with the points that they use.
         part = whole.extract_cells(np.flatnonzero(rows == number)).extract_surface(
@@ -129,7 +131,7 @@ def to_pyvista_parts(cut: Cut) -> list[tuple[Any, Any]]:
         for name in ("vtkOriginalPointIds", "vtkOriginalCellIds"):
             part.point_data.pop(name, None)
             part.cell_data.pop(name, None)
-        texture = cut.materials[number].base_color_texture if cut.materials else None
+        texture = cut.materials[number].base_color_texture
         uvs, pixels = _laid(cut, texture, notes)
         if uvs is None or pixels is None:
             out.append((part, None))
@@ -140,14 +142,6 @@ def to_pyvista_parts(cut: Cut) -> list[tuple[Any, Any]]:
         out.append((part, pyvista.Texture(np.ascontiguousarray(pixels))))
     notes.warn("cut")
     return out
-
-
-def _rows_of_looks(cut: Cut) -> NDArray[np.int64]:
-    """The look of each face: the last stands for all numbers that have none."""
-    numbers = cut.face_materials
-    rows = np.zeros(len(cut.faces), np.int64) if numbers is None else numbers.astype(np.int64)
-    last = max(len(cut.materials) - 1, 0)
-    return np.where((rows < 0) | (rows > last), last, rows)
 
 
 def _laid(
@@ -217,7 +211,7 @@ def to_open3d(cut: Cut) -> Any:
     ids, uvs = cut.face_materials, cut.uvs[0].copy() if cut.uvs else None
     if uvs is not None and any(look.base_color_texture for look in cut.materials):
         # Numbers count textures there, so each material has one.
-        ids, notes, images = _rows_of_looks(cut).astype(np.int32), Notes(), []
+        ids, notes, images = rows_of_looks(cut).astype(np.int32), Notes(), []
         for number, look in enumerate(cut.materials):
             own, pixels = _laid(cut, look.base_color_texture, notes)
             used = np.unique(cut.faces[ids == number])

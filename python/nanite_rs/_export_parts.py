@@ -140,14 +140,18 @@ def labels(materials: Sequence[Material]) -> list[str]:
     return list(found) if len(found) == len(materials) else [f"material_{k}" for k in range(len(materials))]
 
 
-def pieces(surface: Surface) -> list[Piece]:
-    """Split a surface by looks, or by face materials where it has no looks."""
+def rows_of_looks(surface: Surface) -> NDArray[np.int64]:
+    """Return the look of each face, or its face material where there are no looks."""
     numbers = surface.face_materials
     rows = np.zeros(len(surface.faces), np.int64) if numbers is None else numbers.astype(np.int64)
     last = len(surface.materials) - 1
-    if surface.materials:
-        # The last material stands for all further numbers, and for negative ones.
-        rows = np.where((rows < 0) | (rows > last), last, rows)
+    # The last material stands for all further numbers, and for negative ones.
+    return np.where((rows < 0) | (rows > last), last, rows) if surface.materials else rows
+
+
+def pieces(surface: Surface) -> list[Piece]:
+    """Split a surface by looks, or by face materials where it has no looks."""
+    rows = rows_of_looks(surface)
     names = labels(surface.materials)
     out = []
     for number in np.unique(rows).tolist():

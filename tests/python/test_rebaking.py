@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -12,6 +13,9 @@ import trimesh
 import nanite_rs as nrs
 from oracles import data
 from oracles.captures import capture
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 FOSSIL = ("scans", "smithsonian_fossil_100k", "USNM_1145291-150k-2048-medium-100k-2048_draco.glb")
 REBAKE = nrs.BuildOptions(rebake="auto", texture_size=512, quality="fast", error="quadric")
@@ -42,10 +46,9 @@ def rebaked(stone) -> nrs.NaniteMesh:
     return nrs.NaniteMesh.from_arrays(**stone, options=REBAKE)
 
 
-def shots(cut: nrs.Cut, bounds: np.ndarray, pixel: float, unlit: bool = False) -> np.ndarray:
-    """A picture in which a pixel is so long, of sixteen samples each."""
+def scene_of(cut: nrs.Cut, looks: Sequence[nrs.Material]) -> nrs.Scene:
+    """The cut as it is, with these looks."""
     scene = nrs.Scene()
-    looks = [replace(look, unlit=unlit) for look in cut.materials]
     scene.add(
         nrs.TriangleMesh(
             cut.vertices,
@@ -56,6 +59,12 @@ def shots(cut: nrs.Cut, bounds: np.ndarray, pixel: float, unlit: bool = False) -
             materials=looks,
         )
     )
+    return scene
+
+
+def shots(cut: nrs.Cut, bounds: np.ndarray, pixel: float, unlit: bool = False) -> np.ndarray:
+    """A picture in which a pixel is so long, of sixteen samples each."""
+    scene = scene_of(cut, [replace(look, unlit=unlit) for look in cut.materials])
     scene.add(nrs.DirectionalLight(intensity=3.0), pose=nrs.look_at([1, 1, 2], [0, 0, 0]))
     size, middle = float(np.linalg.norm(bounds[1] - bounds[0])), bounds.mean(axis=0)
     count = int(np.clip(size / pixel, 8, 500))
@@ -82,16 +91,14 @@ def sampled(image: np.ndarray, uv: np.ndarray) -> np.ndarray:
     return image[row, column]
 
 
-def points_of(cut: nrs.Cut, number: int, count: int = 4_000) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points of the faces of a material, their UVs and normals, away from the borders of triangles."""
+def points_of(cut: nrs.Cut, number: int, count: int = 4_000) -> tuple[np.ndarray, np.ndarray]:
+    """Points of the faces of a material, and their UVs, away from the borders of triangles."""
     rng = np.random.default_rng(1)
     rows = np.flatnonzero(cut.face_materials == number)
     shares = rng.dirichlet([3.0, 3.0, 3.0], count)
     faces = cut.faces[rng.choice(rows, count)]
-    points, uvs, normals = (
-        (of[faces] * shares[..., None]).sum(axis=1) for of in (cut.vertices, cut.uvs[0], cut.normals)
-    )
-    return points, uvs, normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    points, uvs = ((of[faces] * shares[..., None]).sum(axis=1) for of in (cut.vertices, cut.uvs[0]))
+    return points, uvs
 
 
 def test_levels_go_on_and_show_what_the_source_shows(stone, rebaked) -> None:
@@ -103,20 +110,16 @@ def test_levels_go_on_and_show_what_the_source_shows(stone, rebaked) -> None:
         number = part.material
         if not (cut.face_materials == number).any():
             continue
-        points, uvs, _ = points_of(cut, number)
+        points, uvs = points_of(cut, number)
         image = rebaked.materials[number].base_color_texture.image.pixels
         found = sampled(image, uvs) / 255.0
         near, _, _ = trimesh.proximity.closest_point(
-            trimesh.Trimesh(*plain_surface(stone), process=False), points[:500]
+            trimesh.Trimesh(stone["vertices"], stone["faces"], process=False), points[:500]
         )
         error = np.abs(found[:500] - np.clip(stripes(near), 0.0, 1.0))
         # A texel of these stripes differs little from the next.
         assert np.median(error) < 0.02 + 2.0 * part.texel, part
     assert np.median([flip(rebaked, part.triangles) for part in rebaked.report.rebaked[::4]]) <= 0.06
-
-
-def plain_surface(stone: dict) -> tuple[np.ndarray, np.ndarray]:
-    return stone["vertices"], stone["faces"]
 
 
 def test_every_cut_is_closed(rebaked) -> None:
@@ -184,17 +187,7 @@ def apart(ours: np.ndarray, theirs: np.ndarray) -> np.ndarray:
 
 
 def seen_normals(cut: nrs.Cut, bounds: np.ndarray, pixel: float, shading: str) -> np.ndarray:
-    scene = nrs.Scene()
-    scene.add(
-        nrs.TriangleMesh(
-            cut.vertices,
-            cut.faces,
-            normals=cut.normals,
-            uvs=cut.uvs,
-            face_materials=cut.face_materials,
-            materials=cut.materials,
-        )
-    )
+    scene = scene_of(cut, cut.materials)
     size, middle = float(np.linalg.norm(bounds[1] - bounds[0])), bounds.mean(axis=0)
     camera = nrs.OrthographicCamera(xmag=size / 2, ymag=size / 2, znear=0.01 * size, zfar=10 * size)
     pose = nrs.look_at(middle + np.array([0.6, 0.5, 0.9]) * 2 * size, middle)
@@ -218,7 +211,7 @@ def test_materials_become_one_where_images_can_say_it(stone) -> None:
     number = int(coarse.face_materials[0])
     look = mesh.materials[number]
     assert (look.metallic, look.roughness, look.base_color) == (1.0, 1.0, (1.0, 1.0, 1.0))
-    points, uvs, _ = points_of(coarse, number)
+    points, uvs = points_of(coarse, number)
     upper, lower = points[:, 2] > 0.2, points[:, 2] < -0.2
     orm = sampled(look.metallic_roughness_texture.image.pixels, uvs) / 255.0
     light = sampled(look.emissive_texture.image.pixels, uvs) / 255.0
@@ -326,7 +319,7 @@ def test_nothing_to_do(stone) -> None:
     assert smooth.cut(error=0.0).face_materials is None
 
 
-def test_mistakes(stone, monkeypatch, tmp_path) -> None:
+def test_mistakes(stone, monkeypatch) -> None:
     with pytest.raises(nrs.DtypeError, match="mesh: expected a NaniteMesh"):
         nrs.rebake("stone.glb")
     with pytest.raises(nrs.ArgumentError, match="texture_size: must be between 16 and"):
