@@ -62,7 +62,7 @@ help:
 
 # ---------------------------------------------------------------------------------------------- set-up
 
-# Rust, a C++ compiler (for meshoptimizer) and Python are all that a build needs.
+# Rust, a C++ compiler (for meshoptimizer and Basis Universal) and Python are all that a build needs.
 tools:
 	@tools/check-tools $(PYTHON)
 

@@ -29,7 +29,9 @@ if TYPE_CHECKING:
     from nanite_rs.material import Material
     from nanite_rs.texture import Image, Texture
 
-_MIME: Final = {"png": "image/png", "jpg": "image/jpeg", "webp": "image/webp"}
+_MIME: Final = {"png": "image/png", "jpg": "image/jpeg", "webp": "image/webp", "ktx2": "image/ktx2"}
+# Formats that textures refer to by extensions.
+_SOURCES: Final = {"image/webp": "EXT_texture_webp", "image/ktx2": "KHR_texture_basisu"}
 _WRAP_NUMBERS: Final[dict[str, int]] = {wrap: number for number, wrap in WRAPS.items()}
 
 
@@ -318,9 +320,10 @@ class Document:
         source = {"source": self._known["images", key]}
         fields: dict[str, Any] = {"sampler": self.row("samplers", sampler, tuple(sampler.values()))}
         known = *source.values(), *fields.values()
-        if self.json["images"][source["source"]]["mimeType"] == _MIME["webp"]:
-            fields["extensions"] = self.extension("EXT_texture_webp", source)
-            self._required.add("EXT_texture_webp")
+        extension = _SOURCES.get(self.json["images"][source["source"]]["mimeType"])
+        if extension is not None:
+            fields["extensions"] = self.extension(extension, source)
+            self._required.add(extension)
         else:
             fields |= source
         out: dict[str, Any] = {"index": self.row("textures", fields, known)}

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 Compression = Literal["quantized", "meshopt", "meshopt-khr"]
 """How glTF is made smaller."""
 
-ImageFormat = Literal["jpeg", "png", "webp"]
+ImageFormat = Literal["jpeg", "png", "webp", "ktx2"]
 """What the images of glTF may be encoded as."""
 
 POSITION_STEPS: Final = 65_534

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from nanite_rs import _colors
+from nanite_rs import _colors, _export_ktx2
 from nanite_rs._export_parts import COLORS, Arrays, integers, pieces, png, textures
 from nanite_rs._images import JPEG
 from nanite_rs.texture import Image
@@ -89,7 +89,7 @@ def stored(pixels: NDArray[Any], file: bytes | None) -> Image:
 def encoded_as(kind: ImageFormat, image: Image, color: bool, notes: Notes) -> tuple[bytes, str]:
     """Return an image in a format, and its ending. WebP and PNG hold what is no colour without loss.
 
-    JPEG has no alpha: an image that needs it is PNG. Neither JPEG nor WebP have 16 bits.
+    JPEG has no alpha: an image that needs it is PNG. Neither JPEG, WebP nor Basis Universal in KTX have 16 bits.
     """
     pixels = integers(image, color, notes)
     if kind == "png":
@@ -101,6 +101,11 @@ def encoded_as(kind: ImageFormat, image: Image, color: bool, notes: Notes) -> tu
         notes.add("images of more than 8 bits")
         pixels = np.rint(pixels / 257.0).astype(np.uint8)
     count = pixels.shape[2]
+    if kind == "ktx2":
+        bright = pixels[..., :3] if count > 2 else np.repeat(pixels[..., :1], 3, axis=2)
+        alpha = pixels[..., -1:] if count in (2, 4) else np.full_like(pixels[..., :1], 255)
+        whole = _export_ktx2.in_blocks(np.concatenate([bright, alpha], axis=2))
+        return _export_ktx2.encoded(_levels(whole, color), color), "ktx2"
     if count in (2, 4):
         # Grey and alpha are as three colours and alpha.
         bright = np.repeat(pixels[..., :1], 3, axis=2) if count == 2 else pixels[..., :3]
@@ -118,6 +123,15 @@ def _saved(pixels: NDArray[Any], **how: Any) -> bytes:
     buffer = BytesIO()
     Pillow.fromarray(pixels[..., 0] if pixels.shape[2] == 1 else pixels).save(buffer, **how)
     return buffer.getvalue()
+
+
+def _levels(pixels: NDArray[Any], color: bool) -> list[NDArray[Any]]:
+    """Return an image and its halvings, down to one texel."""
+    height, width = pixels.shape[:2]
+    levels = [pixels]
+    for k in range(1, max(height, width).bit_length()):
+        levels.append(_averaged(levels[-1], (max(width >> k, 1), max(height >> k, 1)), color))
+    return levels
 
 
 def _averaged(pixels: NDArray[Any], size: tuple[int, int], color: bool) -> NDArray[Any]:

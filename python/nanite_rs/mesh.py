@@ -627,9 +627,11 @@ class NaniteMesh(Geometry):
             default levels of one file share the images of the first, and those of separate files are fitted.
         compression : {None, "quantized", "meshopt", "meshopt-khr"}
             How glTF is made smaller, as for `Cut.export`. Errors in ``extras`` have what it moves vertices by.
-        images : {None, "jpeg", "png", "webp"}
+        images : {None, "jpeg", "png", "webp", "ktx2"}
             What images of glTF are encoded as; by default they stay as they were. "webp"
-            (``EXT_texture_webp``) has normals and the like without loss.
+            (``EXT_texture_webp``) has normals and the like without loss. "ktx2" (``KHR_texture_basisu``) is what
+            devices keep in memory as it is, a quarter to an eighth of the pixels: Basis Universal, ETC1S for
+            colours and UASTC for everything else, with all smaller versions. Sides become multiples of four.
 
         Returns
         -------
@@ -699,7 +701,7 @@ class NaniteMesh(Geometry):
             Triangles of a tile, about, at most.
         compression : {"meshopt", "quantized", "meshopt-khr", None}
             As for `Cut.export`. Positions are rounded to one grid for each level.
-        images : {None, "jpeg", "png", "webp"}
+        images : {None, "jpeg", "png", "webp", "ktx2"}
             As for `export`.
         skirts : bool
             Whether tiles have skirts.

@@ -2,6 +2,7 @@
 //! defaults, is Python over it (`python/nanite_rs/`).
 
 mod arrays;
+mod basis;
 mod blocks;
 mod calls;
 mod errors;
@@ -71,6 +72,8 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(packing::pack_vertices, module)?)?;
     module.add_function(wrap_pyfunction!(packing::pack_faces, module)?)?;
     module.add_function(wrap_pyfunction!(packing::pack_directions, module)?)?;
+    module.add_function(wrap_pyfunction!(basis::compressed, module)?)?;
+    module.add_function(wrap_pyfunction!(basis::encode_basis, module)?)?;
     module.add_class::<remote::Traffic>()?;
     module.add_class::<remote::Input>()?;
     module.add_class::<remote::Answers>()?;

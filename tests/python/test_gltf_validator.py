@@ -101,6 +101,13 @@ def test_compressed(compression, tmp_path) -> None:
     assert faults(*files) == []
 
 
+@pytest.mark.parametrize("ending", ["glb", "gltf"])
+def test_images_as_ktx2(ending, tmp_path) -> None:
+    """It does not look into the images, nor knows the extension that has them."""
+    source().export(tmp_path / f"a.{ending}", levels=[1.0, 0.3], images="ktx2")
+    assert faults(tmp_path / f"a.{ending}") == []
+
+
 @pytest.mark.parametrize("compression", [None, "quantized", "meshopt"])
 def test_tiles(compression, tmp_path) -> None:
     source().to_3dtiles(tmp_path / "t", triangles=300, compression=compression)

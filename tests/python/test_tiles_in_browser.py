@@ -120,3 +120,35 @@ def test_silhouettes_along_a_path(tmp_path) -> None:
             browser.close()
     assert len(levels) >= 2
     assert mixed > 0, "views have tiles of several levels"
+
+
+def test_textures_as_ktx2(tmp_path) -> None:
+    """They show what the images of the source do."""
+    pixels = np.zeros((128, 128, 3), np.uint8)
+    y, x = np.mgrid[:128, :128]
+    pixels[..., 0], pixels[..., 1], pixels[..., 2] = 2 * x, 2 * y, 255 * ((x // 32 + y // 32) % 2)
+    texture = nrs.Texture(nrs.Image(pixels))
+    vertices, faces = nrs.shapes.icosphere(faces=5_000)
+    uvs = 0.5 + 0.45 * vertices[:, :2].astype(np.float32)
+    look = nrs.Material(base_color_texture=texture, metallic=0.0, roughness=1.0)
+    mesh = nrs.NaniteMesh.from_arrays(vertices, faces, uvs=uvs, materials=[look])
+    flags = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+    shown = []
+    for images in ("png", "ktx2"):
+        folder = tmp_path / images
+        mesh.to_3dtiles(folder, triangles=2_000, preview=True, images=images)
+        (folder / "index.html").write_bytes(preview.page("tiles", 1.0, "/npm/"))
+        with served(folder) as url:
+            browser = Browser(tmp_path / f"chromium-{images}", 400, 300, *flags)
+            try:
+                browser.call("Page.navigate", url=f"{url}index.html")
+                browser.until("window.view && view.placed")
+                browser.value("document.getElementById('panel').style.display = 'none'; view.held = true")
+                settled(browser)
+                shown.append(browser.seen().astype(float))
+            finally:
+                browser.close()
+    png, ktx2 = shown
+    assert png.std() > 30.0
+    assert 20.0 * np.log10(255.0 / np.sqrt(np.square(png - ktx2).mean())) >= 30.0
+    assert (png != ktx2).any()

@@ -21,6 +21,7 @@ def page(title: str, pixel_error: float, packages: str = PACKAGES) -> bytes:
         "3d-tiles-renderer/three": f"{packages}{RENDERER}/build/index.three.js",
     }
     text = _PAGE.replace("$TITLE", html.escape(title)).replace("$NAMES", json.dumps({"imports": names}))
+    text = text.replace("$DECODER", f"{packages}{THREE}/examples/jsm/libs/basis/")
     return text.replace("$ERROR", f"{pixel_error:g}").encode()
 
 
@@ -49,6 +50,7 @@ _PAGE: Final = """\
   import { OrbitControls } from "three/addons/controls/OrbitControls.js";
   import { MeshoptDecoder } from "three/addons/libs/meshopt_decoder.module.js";
   import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
+  import { KTX2Loader } from "three/addons/loaders/KTX2Loader.js";
   import { TilesRenderer } from "3d-tiles-renderer/three";
 
   const element = (name) => document.getElementById(name);
@@ -65,6 +67,7 @@ _PAGE: Final = """\
   const tiles = new TilesRenderer(new URL("tileset.json", location.href).href);
   const loader = new GLTFLoader(tiles.manager);
   loader.setMeshoptDecoder(MeshoptDecoder);
+  loader.setKTX2Loader(new KTX2Loader().setTranscoderPath("$DECODER").detectSupport(renderer));
   tiles.manager.addHandler(/\\.(gltf|glb)$/g, loader);
   tiles.setCamera(camera);
   scene.add(tiles.group);
