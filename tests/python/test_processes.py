@@ -229,6 +229,7 @@ def test_exports_work_in_children_of_every_start(tmp_path) -> None:
             "tiles opened before": lambda: written(lambda to: opened.to_3dtiles(to, triangles=3_000)),
             "tiles of a scene": lambda: written(lambda to: shown.to_3dtiles(to, triangles=3_000)),
             "fragments": lambda: written(lambda to: mesh.to_neuroglancer(to, 1, triangles=3_000)),
+            "ktx2": lambda: written(lambda to: of_charts().export(f"{to}/a.glb", levels=[0.5], images="ktx2")),
             "clusters": lambda: digest(*(getattr(mesh.clusters(), n) for n in ("vertices", "errors", "ids"))),
             "rebaked": lambda: digest(*rebaked(of_charts())),
         }
