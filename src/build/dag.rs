@@ -17,7 +17,6 @@ use super::content::{Content, weights};
 use super::lock_borders::shared_positions;
 use super::memory;
 use super::partition::{most_words, partition, split_to_fit};
-
 use super::reference::{Patch, Pieces, Reference};
 use super::relax::relax;
 use super::silhouette::Silhouette;
