@@ -73,10 +73,13 @@ def measure(name: str, build) -> None:
         last = pixel
         reference = shots(full, mesh.bounds, pixel)
         ours = nrs.compare(shots(cut, mesh.bounds, pixel), reference).flip
+        outlines = (shots(one, mesh.bounds, pixel, outline=True) for one in (cut, full))
+        outline = nrs.compare(*outlines).flip
         other = plain.cut(target_faces=part.triangles)
         theirs = nrs.compare(shots(other, mesh.bounds, pixel), reference).flip
         print(
-            f"  {len(cut):6,} triangles, error {cut.error:.4f}, {len(reference)} pixels: FLIP {ours:.4f}; "
+            f"  {len(cut):6,} triangles, error {cut.error:.4f}, {len(reference)} pixels: FLIP {ours:.4f}, "
+            f"of outlines alone {outline:.4f}; "
             f"with seams {len(other):,} triangles, error {other.error:.4f}: {theirs:.4f}"
         )
 

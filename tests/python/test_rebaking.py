@@ -62,9 +62,14 @@ def scene_of(cut: nrs.Cut, looks: Sequence[nrs.Material]) -> nrs.Scene:
     return scene
 
 
-def shots(cut: nrs.Cut, bounds: np.ndarray, pixel: float, unlit: bool = False) -> np.ndarray:
-    """A picture in which a pixel is so long, of sixteen samples each."""
-    scene = scene_of(cut, [replace(look, unlit=unlit) for look in cut.materials])
+def shots(
+    cut: nrs.Cut, bounds: np.ndarray, pixel: float, unlit: bool = False, outline: bool = False
+) -> np.ndarray:
+    """A picture in which a pixel is so long, of sixteen samples each; or its outline alone, of one colour."""
+    looks = [replace(look, unlit=unlit) for look in cut.materials]
+    if outline:
+        looks = [nrs.Material(base_color=(0.35, 0.3, 0.25), unlit=True, double_sided=True)] * len(looks)
+    scene = scene_of(cut, looks)
     scene.add(nrs.DirectionalLight(intensity=3.0), pose=nrs.look_at([1, 1, 2], [0, 0, 0]))
     size, middle = float(np.linalg.norm(bounds[1] - bounds[0])), bounds.mean(axis=0)
     count = int(np.clip(size / pixel, 8, 500))
