@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 KTX2: Final = b"\xabKTX 20\xbb\r\n\x1a\n"
 """What a file begins with."""
 
-# The head of a .basis file, and of a slice of it, which is a level of an image or its alpha.
-_HEAD: Final = struct.Struct("<2x2x2x2x4x2x3s3sBHB3x4x4x4xHI3sHI3sIIIII")
-_SLICE: Final = struct.Struct("<3sBBHHHHII2x")
+# What is read of the head of a .basis file, and of a slice of it, which is a level of an image or its alpha.
+_HEAD: Final = struct.Struct("<14x3s3xB18xHI3sHI3sIII")
+_SLICE: Final = struct.Struct("<3xBBHH4xII2x")
 _HAS_ALPHA: Final = 1
 _ETC1S: Final = 0
 # Of the data format descriptor.
@@ -56,10 +56,7 @@ def _ordered(basis: bytes, color: bool) -> bytes:
     """Return the parts of a .basis file as KTX 2.0."""
     (
         slices,
-        _,
         kind,
-        _,
-        _,
         endpoints,
         endpoints_at,
         endpoints_size,
@@ -69,15 +66,11 @@ def _ordered(basis: bytes, color: bool) -> bytes:
         tables_at,
         tables_size,
         slices_at,
-        _,
-        _,
     ) = _HEAD.unpack_from(basis)
     etc1s = kind == _ETC1S
     levels: dict[int, dict[str, Any]] = {}
     for k in range(_number(slices)):
-        _, level, flags, width, height, _, _, at, size = _SLICE.unpack_from(
-            basis, slices_at + k * _SLICE.size
-        )
+        level, flags, width, height, at, size = _SLICE.unpack_from(basis, slices_at + k * _SLICE.size)
         own = levels.setdefault(level, {"size": (width, height), "color": b"", "alpha": b""})
         own["alpha" if etc1s and flags & _HAS_ALPHA else "color"] = basis[at : at + size]
     order = [levels[level] for level in range(len(levels))]

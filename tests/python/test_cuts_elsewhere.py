@@ -9,7 +9,7 @@ import trimesh
 import nanite_rs as nrs
 from oracles import camera, data, picture
 from oracles.compare import psnr
-from test_content import nearest_places
+from test_content import grid, nearest_places
 
 WIDTH, HEIGHT = 480, 320
 #: What pyrender, or trimesh before it, leaves out of a file: compared is what it has kept.
@@ -80,11 +80,10 @@ def test_uvs_of_a_tenth(shape, tmp_path) -> None:
         vertices, faces = nrs.shapes.displaced_icosphere(faces=8_000)
         uvs = 0.5 + 0.3 * vertices[:, :2] + 0.02 * np.sin(6.0 * vertices[:, [2, 0]])
     else:
-        x, y = np.meshgrid(*[np.linspace(0.0, 1.0, 64)] * 2, indexing="ij")
-        vertices = np.stack([x, y, 0.1 * np.sin(3.0 * x)], axis=-1).reshape(-1, 3)
-        low = (np.arange(63)[:, None] * 64 + np.arange(63)).reshape(-1, 1)
-        faces = np.concatenate([low + corners for corners in np.array([[0, 64, 65], [0, 65, 1]])])
-        uvs = np.stack([x + 0.05 * np.sin(9.0 * y), y], axis=-1).reshape(-1, 2)
+        vertices, faces = grid(63)
+        x, y = vertices[:, 0], vertices[:, 1]
+        vertices[:, 2] = 0.1 * np.sin(3.0 * x)
+        uvs = np.stack([x + 0.05 * np.sin(9.0 * y), y], axis=-1)
     vertices, uvs = vertices.astype(np.float32), uvs.astype(np.float32)
     texture = nrs.Texture(nrs.Image(np.full((8, 8, 3), 200, np.uint8)))
     look = nrs.Material(base_color_texture=texture)

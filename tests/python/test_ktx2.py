@@ -11,6 +11,7 @@ import subprocess
 import sys
 import warnings
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -20,9 +21,12 @@ import nanite_rs as nrs
 from nanite_rs import _core, _export_ktx2, _export_textures
 from nanite_rs._export_parts import Notes
 from nanite_rs._export_textures import halved
-from oracles.browser import Browser
+from oracles.compare import psnr
 from test_export import source
-from test_tiles_in_browser import PACKAGES, served
+from test_tiles_in_browser import PACKAGES, opened
+
+if TYPE_CHECKING:
+    from oracles.browser import Browser
 
 PAGE = """<!DOCTYPE html><canvas id="c"></canvas>
 <script type="importmap">{"imports": {"three": "/npm/three/build/three.module.js"}}</script>
@@ -65,7 +69,6 @@ window.read = (level, what) => {
 window.ready = true;
 </script>
 """
-FLAGS = "--use-angle=swiftshader", "--enable-unsafe-swiftshader"
 
 
 def picture(height: int, width: int, alpha: bool) -> np.ndarray:
@@ -77,10 +80,6 @@ def picture(height: int, width: int, alpha: bool) -> np.ndarray:
     if alpha:
         out[..., 3] = np.clip(1.5 - 2.0 * np.hypot(x - 0.5, y - 0.5), 0.0, 1.0)
     return np.rint(255.0 * out.clip(0.0, 1.0)).astype(np.uint8)
-
-
-def psnr(a: np.ndarray, b: np.ndarray) -> float:
-    return float(20.0 * np.log10(255.0 / max(np.sqrt(np.square(a.astype(float) - b).mean()), 1e-9)))
 
 
 def head(file: bytes) -> dict[str, int]:
@@ -114,31 +113,26 @@ def test_three_reads_every_level(tmp_path) -> None:
     (tmp_path / "page" / "index.html").write_text(PAGE)
     for name, (pixels, color) in cases.items():
         (tmp_path / "page" / f"{name}.ktx2").write_bytes(encoded(pixels, color))
-    with served(tmp_path / "page") as url:
-        browser = Browser(tmp_path / "chromium", 400, 300, *FLAGS)
-        try:
-            browser.call("Page.navigate", url=f"{url}index.html")
-            browser.until("window.ready")
-            for name, (pixels, color) in cases.items():
-                browser.value(f"load('{name}.ktx2')")
-                browser.until("window.texture || window.failed")
-                assert browser.value("window.failed") is None
-                levels = browser.value("window.texture.mipmaps.length")
-                height, width = pixels.shape[:2]
-                assert levels == max(height, width).bit_length()
-                for level in range(levels):
-                    expected = halved(nrs.Image(pixels), level, color).pixels
-                    got = seen(browser, level, 1 if color else 0)
-                    alpha = seen(browser, level, 2)[..., 0]
-                    assert got.shape[:2] == expected.shape[:2]
-                    # Blocks hold few colours, and slopes get twice as steep with each level.
-                    least = {0: 37.0, 1: 34.0, 2: 30.0, 3: 25.0}.get(level, 18.0) if name != "small" else 18.0
-                    assert psnr(got, expected[..., :3]) >= least
-                    if min(got.shape[:2]) >= 8:
-                        assert psnr(got[::-1], expected[..., :3]) < psnr(got, expected[..., :3]) - 6.0
-                    assert psnr(alpha, expected[..., 3]) >= min(least, 24.0)
-        finally:
-            browser.close()
+    with opened(tmp_path / "page", tmp_path / "chromium") as browser:
+        browser.until("window.ready")
+        for name, (pixels, color) in cases.items():
+            browser.value(f"load('{name}.ktx2')")
+            browser.until("window.texture || window.failed")
+            assert browser.value("window.failed") is None
+            levels = browser.value("window.texture.mipmaps.length")
+            height, width = pixels.shape[:2]
+            assert levels == max(height, width).bit_length()
+            for level in range(levels):
+                expected = halved(nrs.Image(pixels), level, color).pixels
+                got = seen(browser, level, 1 if color else 0)
+                alpha = seen(browser, level, 2)[..., 0]
+                assert got.shape[:2] == expected.shape[:2]
+                # Blocks hold few colours, and slopes get twice as steep with each level.
+                least = {0: 37.0, 1: 34.0, 2: 30.0, 3: 25.0}.get(level, 18.0) if name != "small" else 18.0
+                assert psnr(got, expected[..., :3]) >= least
+                if min(got.shape[:2]) >= 8:
+                    assert psnr(got[::-1], expected[..., :3]) < psnr(got, expected[..., :3]) - 6.0
+                assert psnr(alpha, expected[..., 3]) >= min(least, 24.0)
 
 
 def encoded(pixels: np.ndarray, color: bool) -> bytes:
