@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING as _TYPE_CHECKING
 
-from nanite_rs import _advice, measure, plot, shapes, viewer
+from nanite_rs import _advice, foliage, measure, plot, shapes, viewer
 from nanite_rs._core import __version__
 from nanite_rs._rig import Animation
 from nanite_rs.animation import save_animation
@@ -136,6 +136,7 @@ __all__ = [
     "build_many",
     "compare",
     "decimate",
+    "foliage",
     "from_pyrender",
     "get_num_threads",
     "load_scene",

@@ -171,8 +171,14 @@ def _turned(surface: Arrays, turn: NDArray[np.float64]) -> Arrays:
 # -------------------------------------------------------------------------------------------- one surface
 
 
-def _joined(path: str, shown: list[MeshNode], cuts: _Cuts, notes: Notes) -> Arrays:
-    """Return all instances where they stand, as one surface."""
+def described(name: str, scene: Scene) -> Asset:
+    """Describe all meshes that a scene shows, at full detail."""
+    shown = [node for node in scene.instances if node.visible]
+    return _described(name, shown, _Cuts(0.0, None), Notes())[0]
+
+
+def _described(path: str, shown: list[MeshNode], cuts: _Cuts, notes: Notes) -> tuple[Asset, bool]:
+    """Describe instances; and whether all positions are in single precision."""
     asset = Asset(path, notes=notes)
     single = True
     for node in shown:
@@ -194,6 +200,12 @@ def _joined(path: str, shown: list[MeshNode], cuts: _Cuts, notes: Notes) -> Arra
         name = f"instance_{node.instance_id}"
         asset.placed.append((name, len(asset.meshes), node.pose))
         asset.meshes.append([Part(name, source, list(look))])
+    return asset, single
+
+
+def _joined(path: str, shown: list[MeshNode], cuts: _Cuts, notes: Notes) -> Arrays:
+    """Return all instances where they stand, as one surface."""
+    asset, single = _described(path, shown, cuts, notes)
     source = flattened(asset)
     vertices = source.vertices
     far, size = float(np.abs(vertices).max()), float(np.linalg.norm(np.ptp(vertices, axis=0)))

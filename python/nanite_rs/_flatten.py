@@ -20,11 +20,12 @@ if TYPE_CHECKING:
     from nanite_rs._asset import Asset, Notes, Part
 
 
-def flattened(asset: Asset) -> Source:
+def flattened(asset: Asset, *, by_name: bool = False) -> Source:
     """Put all instances of a description where they stand, into one mesh.
 
     The materials of all parts are rows of one table, in the order in which parts come; where there is one for all,
-    face materials keep the numbers that they have, each part's behind those of the part before.
+    face materials keep the numbers that they have, each part's behind those of the part before. Equal materials are
+    one; ``by_name`` those of other names stay apart.
     """
     for animation in asset.rig.animations if asset.rig is not None else ():
         asset.notes.add("animations, which are not played", animation.name)
@@ -47,15 +48,15 @@ def flattened(asset: Asset) -> Source:
     for number, part in enumerate(parts):
         looks, own = _looks(part), part.source.face_materials
         own = np.zeros(len(part.source.faces), np.int64) if own is None else np.asarray(own, np.int64)
-        keys: list[tuple[Any, ...]] = [(look,) for look in looks]
+        keys: list[tuple[Any, ...]] = [(look, look.name if by_name else "") for look in looks]
         own = np.clip(own, 0, len(looks) - 1) if len(looks) > 1 else own
         if len(looks) == 1 and own.any():
             # Numbers without a material stay distinct.
             values, own = np.unique(own, return_inverse=True)
-            keys = [(looks[0], number, value) for value in values.tolist()]
+            keys = [(*keys[0], number, value) for value in values.tolist()]
         places = np.array([table.setdefault(key, len(table)) for key in keys], np.int32)
         rows.append(places[own.reshape(-1)])
-    several = len({key[0] for key in table}) > 1
+    several = len({key[:2] for key in table}) > 1
     materials = tuple(key[0] for key in table) if several else (next(iter(table))[0],)
     if several:
         for part, row in zip(parts, rows, strict=True):

@@ -60,17 +60,20 @@ def picture(
     samples: Literal[1, 4, 16] = 1,
     material: Material | None = None,
     shadows: bool | ShadowsName = False,
+    framed: Shape | None = None,
 ) -> Frame:
     """A frame of a mesh alone, or of a scene with its materials; at ``distance`` 1 it fills the picture.
 
-    Angles are degrees, the elevation above the horizon of ``up``; ``material`` is that of a mesh.
+    Angles are degrees, the elevation above the horizon of ``up``; ``material`` is that of a mesh. What is
+    ``framed`` fills the picture in place of what is shown.
     """
-    center = shown.bounds.mean(axis=0)
+    fit = shown if framed is None else framed
+    center = fit.bounds.mean(axis=0)
     fov = np.radians(yfov)
     around, above = np.radians([azimuth, elevation])
     direction = np.array([np.cos(above) * np.sin(around), np.sin(above), np.cos(above) * np.cos(around)])
     axes = UP[up] @ _facing(direction)
-    away, radius = framing(outline(shown) - center, axes, fov, renderer.width / renderer.height)
+    away, radius = framing(outline(fit) - center, axes, fov, renderer.width / renderer.height)
     away *= distance
     pose = posed(axes, center + axes[:, 2] * away)
     if isinstance(shown, LoadedScene):

@@ -57,6 +57,7 @@ examples:
   nanite-rs cut dragon.nanite -o close.obj --error 0.001
   nanite-rs render dragon.nanite -o dragon.png --size 1920x1080
   nanite-rs render dragon.nanite -o clusters.png --view clusters --pixel-error 4
+  nanite-rs foliage tree.glb -o tree.nanite         leaf cards as geometry
   nanite-rs view dragon.nanite                      look around in a window
   nanite-rs demo                                    all of it, on a generated mesh
   nanite-rs demo dragon.ply                         all of it, on yours
@@ -308,6 +309,12 @@ def _tiles(arguments: argparse.Namespace) -> int:
             f"{report.median_bytes / 1000:,.0f} kB in the median, in {_text.seconds(seconds)}"
         )
     return 0
+
+
+def _foliage(arguments: argparse.Namespace) -> int:
+    from nanite_rs._foliage import command
+
+    return command.run(arguments, replace(_options(arguments), preserve_area=True))
 
 
 def _render(arguments: argparse.Namespace) -> int:
@@ -709,6 +716,45 @@ def _add_tiles(commands: Any) -> None:
     _add_building(sub)
 
 
+def _add_foliage(commands: Any) -> None:
+    text = (
+        "Replace leaves that are holes in images by triangles, and build the trees with their area preserved."
+    )
+    example = "nanite-rs foliage tree.obj -o tree.nanite --texture Leaves=leaves.png --preview pictures"
+    sub = _command(commands, "foliage", _foliage, text, example)
+    sub.add_argument(
+        "inputs", metavar="INPUT", nargs="+", help="mesh file with materials, or folder of such files"
+    )
+    sub.add_argument("--output", "-o", metavar="FILE", help="the .nanite file, or a folder (INPUT's name)")
+    sub.add_argument(
+        "--config", metavar="FILE", help="TOML of the settings below, also by files (docs/nature.md)"
+    )
+    sub.add_argument("--preview", metavar="FOLDER", help="write pictures of cards, geometry and outlines")
+    group = sub.add_argument_group("leaves")
+    group.add_argument(
+        "--leaf-material",
+        dest="leaf_materials",
+        action="append",
+        metavar="NAME",
+        help="a material of leaves; may be given again (those with holes in their images)",
+    )
+    group.add_argument("--cutoff", type=float, metavar="A", help="alpha below it is a hole (the material's)")
+    group.add_argument("--tolerance", type=float, metavar="T", help="of outlines, in texels (0.5)")
+    group.add_argument(
+        "--triangles-per-leaf", type=float, metavar="N", help="most for a part of an image, in the mean"
+    )
+    group.add_argument(
+        "--texture",
+        dest="textures",
+        action="append",
+        metavar="MATERIAL=FILE",
+        help="an image with alpha for a material without; may be given again",
+    )
+    group.add_argument("--wind", action="store_true", help="add channels that an animation needs")
+    group.add_argument("--up", choices=("x", "y", "z"), help="the axis that points up (y)")
+    _add_building(sub)
+
+
 def _add_render(commands: Any) -> None:
     text = "Render a mesh into a PNG, or its linear colour, depth, normals and ids into an EXR."
     example = "nanite-rs render dragon.nanite -o levels.png --view levels --azimuth 200"
@@ -784,7 +830,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"nanite-rs {nrs.__version__}")
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
-    for add in (_add_build, _add_info, _add_cut, _add_tiles, _add_render, _add_view, _add_demo):
+    for add in (_add_build, _add_info, _add_cut, _add_tiles, _add_foliage, _add_render, _add_view, _add_demo):
         add(commands)
     return parser
 

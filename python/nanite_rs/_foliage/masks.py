@@ -1,0 +1,252 @@
+"""Outlines of an image's alpha: what a leaf's card shows, as polygons in texels.
+
+Alpha is what filtering makes of it: bilinear between the centres of texels, so outlines lie between texels
+(contours of the grid of centres). Texels count from the image's upper left corner, v down; the centre of the first
+is (0.5, 0.5).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from nanite_rs import _advice, _colors
+from nanite_rs.exceptions import ArgumentError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from nanite_rs.texture import Image
+
+MOST_TEXELS: Final = 1 << 26
+"""Texels of a window that are looked at at once: half a gigabyte of alpha."""
+MOST_TOLERANCE: Final = 64.0
+"""Texels up to which a tolerance grows where a number of triangles is asked for."""
+
+_STEP: Final = 0.25
+"""Texels between the samples at which outlines are compared."""
+_BLOCKY: Final = 1e-3
+"""Half the width, in texels, of the step between two texels of an image that is not filtered."""
+_MITRE: Final = 5.0
+"""How far corners may go beyond their sides' offset, times that."""
+
+
+def libraries() -> tuple[Any, Any]:
+    """Return shapely and contourpy.
+
+    Raises
+    ------
+    DependencyError
+        One is missing, or shapely is older than constrained triangulation.
+    """
+    try:
+        import contourpy
+    except ImportError as error:
+        raise _advice.missing("foliage", "contourpy") from error
+    try:
+        import shapely
+    except ImportError as error:
+        raise _advice.missing("foliage", "shapely") from error
+    if not hasattr(shapely, "constrained_delaunay_triangles"):
+        raise _advice.missing("foliage", "shapely>=2.1")
+    return shapely, contourpy
+
+
+@dataclass(frozen=True)
+class Mask:
+    """Where an image has something: its alpha against a cutoff, and how it goes on outside."""
+
+    alpha: NDArray[np.float32]
+    """(H, W), 0 to 1."""
+    wrap: tuple[str, str]
+    linear: bool
+    """Whether alpha is blended between texels."""
+    cutoff: float
+    """What is below it is a hole; above 0."""
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height."""
+        return self.alpha.shape[1], self.alpha.shape[0]
+
+    def period(self) -> NDArray[np.float64]:
+        """Return after how many texels along each axis it comes again; infinite where it does not."""
+        times = {"repeat": 1.0, "mirror": 2.0, "clamp": math.inf}
+        return np.array([size * times[way] for size, way in zip(self.size, self.wrap, strict=True)])
+
+    def window(self, low: NDArray[np.int64], high: NDArray[np.int64]) -> NDArray[np.float32]:
+        """Return alpha of texels from ``low`` up to and without ``high``, both (x, y)."""
+        columns, rows = (
+            wrapped(np.arange(low[axis], high[axis]), self.size[axis], self.wrap[axis]) for axis in (0, 1)
+        )
+        return np.ascontiguousarray(self.alpha[rows[:, None], columns[None, :]])
+
+
+@dataclass(frozen=True)
+class Outlines:
+    """Polygons, in texels, and how far they are from the contours that they stand for."""
+
+    polygons: NDArray[Any]
+    """Of shapely, with holes; no two overlap."""
+    deviation: float
+    """Texels, a bound: no point of either outline is farther from the other. Of `dropped` it says nothing."""
+    area: float
+    """Square texels inside the contours."""
+    kept: float
+    """Square texels inside the polygons."""
+    tolerance: float
+    """Texels that sides were simplified by."""
+    dropped: int
+    """Parts and holes smaller than the tolerance, whose area the others have."""
+
+    def triangles(self) -> int:
+        """Return the triangles that they are cut into."""
+        return _triangles(self.polygons)
+
+
+def alpha_of(image: Image) -> NDArray[np.float32] | None:
+    """Return the alpha of an image, (H, W), 0 to 1; nothing where it has none."""
+    pixels = image.pixels
+    if pixels.shape[2] not in (2, 4):
+        return None
+    return np.asarray(pixels[..., -1] / _colors.white(pixels.dtype), np.float32)
+
+
+def wrapped(at: NDArray[np.int64], count: int, way: str) -> NDArray[np.int64]:
+    """Return which of ``count`` texels of a row are seen at places outside, too."""
+    if way == "clamp":
+        return np.clip(at, 0, count - 1)
+    if way == "repeat":
+        return at % count
+    twice = at % (2 * count)
+    return np.minimum(twice, 2 * count - 1 - twice)
+
+
+def traced(mask: Mask, low: NDArray[np.float64], high: NDArray[np.float64], margin: int) -> NDArray[Any]:
+    """Return polygons around all that a mask has between two corners, in texels, and ``margin`` beyond."""
+    shapely, contourpy = libraries()
+    first = np.floor(low).astype(np.int64) - margin
+    last = np.ceil(high).astype(np.int64) + margin
+    texels = int(np.prod(last - first))
+    if texels > MOST_TEXELS:
+        raise ArgumentError(
+            f"uvs: leaves of one image reach over {texels:,} texels, more than {MOST_TEXELS:,}; "
+            "cards that repeat an image so often are no leaves, or use a smaller image"
+        )
+    alpha = mask.window(first, last).astype(np.float64)
+    x, y = (np.arange(first[axis], last[axis]) + 0.5 for axis in (0, 1))
+    if not mask.linear:
+        alpha = alpha.repeat(2, axis=0).repeat(2, axis=1)
+        edge = np.array([-0.5 + _BLOCKY, 0.5 - _BLOCKY])
+        x, y = ((at[:, None] + edge).reshape(-1) for at in (x, y))
+    contours = contourpy.contour_generator(x, y, alpha, fill_type=contourpy.FillType.OuterOffset)
+    found = []
+    for points, offsets in zip(*contours.filled(mask.cutoff, 2.0), strict=True):
+        rings = [
+            points[a:b] for a, b in pairwise(offsets.tolist()) if len(np.unique(points[a:b], axis=0)) > 2
+        ]
+        if rings:
+            found.append(shapely.Polygon(rings[0], rings[1:]))
+    return _parts(shapely.make_valid(np.array(found, object))) if found else np.zeros(0, object)
+
+
+def simplified(polygons: NDArray[Any], tolerance: float, triangles: float | None = None) -> Outlines:
+    """Return outlines of fewer sides, about the same area, and how far they are off.
+
+    Sides are those of Douglas and Peucker (1973), no farther than ``tolerance`` texels from what they stand for.
+    Then all of a part's are moved alike until it has its area again; that, too, is part of the deviation, which is
+    measured. Where ``triangles`` are given, the tolerance grows until parts have as many in the mean.
+    """
+    shapely, _ = libraries()
+    area = float(shapely.area(polygons).sum())
+    while True:
+        exact, dropped = _without_small(polygons, tolerance)
+        simple = _with_area(shapely.simplify(exact, tolerance), exact, area)
+        enough = triangles is None or _triangles(simple) <= triangles * max(len(simple), 1)
+        if enough or tolerance >= MOST_TOLERANCE:
+            break
+        tolerance = min(max(tolerance, _STEP) * 1.25, MOST_TOLERANCE)
+    kept = float(shapely.area(simple).sum())
+    return Outlines(simple, _deviation(exact, simple), area, kept, tolerance, dropped)
+
+
+def _without_small(polygons: NDArray[Any], tolerance: float) -> tuple[NDArray[Any], int]:
+    """Leave out parts of less area than the tolerance's square, and such holes or narrower ones, and count them."""
+    shapely, _ = libraries()
+    least = max(tolerance * tolerance, 1e-6)
+    areas = shapely.area(polygons)
+    large = areas >= (least if (areas >= least).any() else areas.max(initial=0.0))
+    out, dropped = [], int((~large).sum())
+    for polygon in polygons[large]:
+        holes = [shapely.Polygon(ring) for ring in polygon.interiors]
+        keep = [h for h in holes if h.area >= max(least, 0.5 * tolerance * h.length)]
+        dropped += len(holes) - len(keep)
+        out.append(
+            polygon
+            if len(keep) == len(holes)
+            else shapely.Polygon(polygon.exterior, [h.exterior for h in keep])
+        )
+    return np.array(out, object), dropped
+
+
+def _triangles(polygons: NDArray[Any]) -> int:
+    """Return how many triangles polygons are cut into without more vertices: corners + 2 · holes − 2 of each."""
+    shapely, _ = libraries()
+    holes = shapely.get_num_interior_rings(polygons)
+    # A ring's first corner comes again as its last.
+    corners = shapely.get_num_coordinates(polygons) - holes - 1
+    return int((corners + 2 * holes - 2).sum())
+
+
+def _parts(geometries: Any) -> NDArray[Any]:
+    """Return the polygons of whatever came out of an operation; lines and points have no area."""
+    shapely, _ = libraries()
+    parts = shapely.get_parts(shapely.get_parts(geometries))
+    keep = (shapely.get_type_id(parts) == 3) & (shapely.area(parts) > 0.0)
+    return np.asarray(parts[keep])
+
+
+def _with_area(simple: NDArray[Any], exact: NDArray[Any], area: float) -> NDArray[Any]:
+    """Move the sides of polygons until each has the area of its exact one, and all together have ``area``."""
+    shapely, _ = libraries()
+    if not len(simple):
+        return simple
+    # What small parts had is shared out by area.
+    wanted = shapely.area(exact) * (area / max(float(shapely.area(exact).sum()), 1e-300))
+    moved, offset = simple, np.zeros(len(simple))
+    for _ in range(3):
+        lengths = np.maximum(shapely.length(moved), 1e-300)
+        offset = offset + (wanted - shapely.area(moved)) / lengths
+        moved = shapely.buffer(simple, offset, join_style="mitre", mitre_limit=_MITRE)
+        # What would vanish, or lose a hole or a part, stays as it was.
+        gone = (shapely.get_type_id(moved) != 3) | (shapely.area(moved) <= 0.0)
+        gone |= shapely.get_num_interior_rings(moved) != shapely.get_num_interior_rings(simple)
+        moved, offset = np.where(gone, simple, moved), np.where(gone, 0.0, offset)
+    return _parts(shapely.union_all(moved))
+
+
+def _deviation(exact: NDArray[Any], simple: NDArray[Any]) -> float:
+    """Bound the distance of the points of either outline from the other."""
+    shapely, _ = libraries()
+    if not len(exact) or not len(simple):
+        return 0.0
+    farthest = 0.0
+    for one, other in ((exact, simple), (simple, exact)):
+        samples = shapely.points(shapely.get_coordinates(shapely.segmentize(shapely.boundary(one), _STEP)))
+        rings = shapely.get_parts(shapely.boundary(other))
+        tree = shapely.STRtree(_sides(rings))
+        _, distances = tree.query_nearest(samples, return_distance=True, all_matches=False)
+        farthest = max(farthest, float(distances.max()))
+    # Between two samples the distance grows by no more than the way to the nearer one.
+    return farthest + _STEP / 2.0
+
+
+def _sides(rings: NDArray[Any]) -> NDArray[Any]:
+    shapely, _ = libraries()
+    points, ring = shapely.get_coordinates(rings, return_index=True)
+    same = ring[1:] == ring[:-1]
+    return np.asarray(shapely.linestrings(np.stack([points[:-1], points[1:]], axis=1)[same]))
