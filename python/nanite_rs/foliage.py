@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
@@ -18,7 +19,7 @@ from nanite_rs.options import BuildOptions, no_options
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
     from numpy.typing import ArrayLike, NDArray
 
@@ -297,14 +298,18 @@ def to_geometry(
     if triangles_per_leaf is not None:
         triangles_per_leaf = _between(triangles_per_leaf, "triangles_per_leaf", 1.0, np.inf)
     _checks.choice(up, "up", get_args(Up))
-    given = {} if textures is None else dict(textures)
+    _checks.truth(wind, "wind")
+    given: dict[str, Any] = {}
+    if textures is not None:
+        if not isinstance(textures, Mapping):
+            found = _advice.name_of_type(textures)
+            raise DtypeError(f"textures: expected images by names of materials, not {found}")
+        given = dict(textures)
     tree = inputs.source_of(source, format)
     tree = replace(tree, materials=inputs.with_textures(tree.materials, given))
-    found = roles(tree.materials, chosen, list(given), cutoff)
+    what = roles(tree.materials, chosen, list(given), cutoff)
     axis = get_args(Up).index(up) if wind else None
-    out, made = convert.converted(
-        tree, found, tolerance=tolerance, triangles=triangles_per_leaf, wind_up=axis
-    )
+    out, made = convert.converted(tree, what, tolerance=tolerance, triangles=triangles_per_leaf, wind_up=axis)
     assert out.face_materials is not None  # noqa: S101  all parts have numbers
     return Foliage(
         out.vertices,
@@ -316,7 +321,7 @@ def to_geometry(
         out.face_materials,
         out.face_channels,
         out.materials,
-        _report(tree, found, out, made),
+        _report(tree, what, out, made),
         tree,
         tuple(made),
     )

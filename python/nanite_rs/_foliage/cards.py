@@ -145,9 +145,12 @@ def lifted(
 def folded(places: NDArray[np.float64], period: NDArray[np.float64]) -> NDArray[np.float64]:
     """Move triangles (N, 3, 2) by whole repetitions of an image, to where it begins."""
     low = places.reshape(-1, 2).min(axis=0)
+    again = np.isfinite(period)
     # What begins a hair before the image is meant to begin with it.
-    times = np.where(np.isfinite(period), np.floor((low + 1e-3) / period), 0.0)
-    return np.asarray(places - np.where(times != 0.0, times * period, 0.0))
+    times = np.floor((low[again] + 1e-3) / period[again])
+    out = places.copy()
+    out[..., again] -= times * period[again]
+    return out
 
 
 class _Points:
@@ -317,11 +320,15 @@ def _mapped(
 
 
 def islands(faces: NDArray[np.int64], points: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return for each face the number of the connected part that it is of, by where its corners lie."""
+    """Return for each face the number of the connected part that it is of, by where its corners lie.
+
+    They count in the order of their first faces.
+    """
     place = _ids(points)[faces]
     both = np.concatenate([place[:, :2], place[:, 1:]])
-    node = _joined(int(place.max(initial=-1)) + 1, both[:, 0], both[:, 1])
-    return np.unique(node[place[:, 0]], return_inverse=True)[1].reshape(-1)
+    part = _joined(int(place.max(initial=-1)) + 1, both[:, 0], both[:, 1])[place[:, 0]]
+    _, first, row = np.unique(part, return_index=True, return_inverse=True)
+    return np.argsort(np.argsort(first))[row.reshape(-1)]
 
 
 def _joined(count: int, one: NDArray[np.int64], two: NDArray[np.int64]) -> NDArray[np.int64]:
