@@ -299,12 +299,7 @@ def to_geometry(
         triangles_per_leaf = _between(triangles_per_leaf, "triangles_per_leaf", 1.0, np.inf)
     _checks.choice(up, "up", get_args(Up))
     _checks.truth(wind, "wind")
-    given: dict[str, Any] = {}
-    if textures is not None:
-        if not isinstance(textures, Mapping):
-            found = _advice.name_of_type(textures)
-            raise DtypeError(f"textures: expected images by names of materials, not {found}")
-        given = dict(textures)
+    given = {} if textures is None else _images(textures)
     tree = inputs.source_of(source, format)
     tree = replace(tree, materials=inputs.with_textures(tree.materials, given))
     what = roles(tree.materials, chosen, list(given), cutoff)
@@ -368,6 +363,13 @@ def _names(leaf_materials: object) -> list[str] | None:
     if not names:
         raise ArgumentError("leaf_materials: names at least one material")
     return names
+
+
+def _images(textures: object) -> dict[str, Any]:
+    if not isinstance(textures, Mapping):
+        found = _advice.name_of_type(textures)
+        raise DtypeError(f"textures: expected images by names of materials, not {found}")
+    return dict(textures)
 
 
 def _between(value: object, name: str, least: float, most: float) -> float:

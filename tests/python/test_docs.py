@@ -91,9 +91,8 @@ def public() -> set[str]:
     for name in nrs.__all__:
         value = getattr(nrs, name)
         if type(value).__name__ == "module":
-            names |= {value.__name__} | {
-                f"{value.__name__}.{n}" for n in value.__all__ if n not in nrs.__all__
-            }
+            own = (n for n in value.__all__ if getattr(nrs, n, None) is not getattr(value, n))
+            names |= {value.__name__} | {f"{value.__name__}.{n}" for n in own}
         elif name != "__version__":
             names.add(f"nanite_rs.{name}")
     return names
