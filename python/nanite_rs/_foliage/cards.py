@@ -101,18 +101,34 @@ class Shown:
         texels: NDArray[np.float64],
         period: NDArray[np.float64],
     ) -> None:
-        known: dict[bytes, int] = {}
         self.places: list[NDArray[np.float64]] = []
         """Of each, the (T, 3, 2) corners of its triangles in texels."""
         self.facets: list[list[NDArray[np.int64]]] = []
         """Of each, the faces (T,) of every facet that shows it."""
-        for rows in _simple(groups, faces, texels):
-            places = folded(texels[faces[rows]], period)
-            number = known.setdefault(np.rint(places * _GRID).astype(np.int64).tobytes(), len(known))
-            if number == len(self.places):
-                self.places.append(places)
-                self.facets.append([])
-            self.facets[number].append(rows)
+        self._known: dict[bytes, int] = {}
+        for group in groups:
+            for first in range(0, len(group), MOST_TRIANGLES):
+                self._add(group[first : first + MOST_TRIANGLES], faces, texels, period)
+
+    def _add(
+        self,
+        rows: NDArray[np.int64],
+        faces: NDArray[np.int64],
+        texels: NDArray[np.float64],
+        period: NDArray[np.float64],
+    ) -> None:
+        places = folded(texels[faces[rows]], period)
+        key = np.rint(places * _GRID).astype(np.int64).tobytes()
+        number = self._known.get(key)
+        if number is None:
+            if len(rows) > 1 and _overlaps(places):
+                for row in rows[:, None]:
+                    self._add(row, faces, texels, period)
+                return
+            number = self._known[key] = len(self.places)
+            self.places.append(places)
+            self.facets.append([])
+        self.facets[number].append(rows)
 
     def seen(self, polygons: NDArray[Any]) -> NDArray[Any]:
         """Return those polygons of which any facet shows a part."""
@@ -198,20 +214,10 @@ class _Points:
         return tuple(np.concatenate(column) for column in zip(*self._parts, strict=True))
 
 
-def _simple(
-    groups: Iterable[NDArray[np.int64]], faces: NDArray[np.int64], texels: NDArray[np.float64]
-) -> Iterable[NDArray[np.int64]]:
-    """Yield facets of moderate size that do not lie over themselves in the image."""
-    for group in groups:
-        for first in range(0, len(group), MOST_TRIANGLES):
-            rows = group[first : first + MOST_TRIANGLES]
-            if len(rows) > 1:
-                places = texels[faces[rows]]
-                whole, parts = _region(places), np.abs(_turn(places)).sum() / 2.0
-                if abs(whole.area - parts) > 1e-6 * parts:
-                    yield from rows[:, None]
-                    continue
-            yield rows
+def _overlaps(places: NDArray[np.float64]) -> bool:
+    """Whether triangles (N, 3, 2) lie over each other."""
+    parts = np.abs(_turn(places)).sum() / 2.0
+    return bool(abs(_region(places).area - parts) > 1e-6 * parts)
 
 
 def _region(places: NDArray[np.float64]) -> Any:

@@ -175,21 +175,16 @@ def simplified(polygons: NDArray[Any], tolerance: float, triangles: float | None
 
 
 def _without_small(polygons: NDArray[Any], tolerance: float) -> tuple[NDArray[Any], int]:
-    """Leave out parts of less area than the tolerance's square, and such holes or narrower ones, and count them."""
+    """Leave out parts and holes of less area than the tolerance's square, and count them."""
     shapely, _ = libraries()
     least = max(tolerance * tolerance, 1e-6)
     areas = shapely.area(polygons)
     large = areas >= (least if (areas >= least).any() else areas.max(initial=0.0))
     out, dropped = [], int((~large).sum())
     for polygon in polygons[large]:
-        holes = [shapely.Polygon(ring) for ring in polygon.interiors]
-        keep = [h for h in holes if h.area >= max(least, 0.5 * tolerance * h.length)]
-        dropped += len(holes) - len(keep)
-        out.append(
-            polygon
-            if len(keep) == len(holes)
-            else shapely.Polygon(polygon.exterior, [h.exterior for h in keep])
-        )
+        keep = [ring for ring in polygon.interiors if shapely.Polygon(ring).area >= least]
+        dropped += len(polygon.interiors) - len(keep)
+        out.append(shapely.Polygon(polygon.exterior, keep))
     return np.array(out, object), dropped
 
 
@@ -217,16 +212,26 @@ def _with_area(simple: NDArray[Any], exact: NDArray[Any], area: float) -> NDArra
         return simple
     # What small parts had is shared out by area.
     wanted = shapely.area(exact) * (area / max(float(shapely.area(exact).sum()), 1e-300))
+    whole = shapely.polygons(shapely.get_exterior_ring(simple))
+    holes = shapely.difference(whole, simple)
     moved, offset = simple, np.zeros(len(simple))
     for _ in range(3):
         lengths = np.maximum(shapely.length(moved), 1e-300)
         offset = offset + (wanted - shapely.area(moved)) / lengths
-        moved = shapely.buffer(simple, offset, join_style="mitre", mitre_limit=_MITRE)
-        # What would vanish, or lose a hole or a part, stays as it was.
+        moved = _offset(simple, offset)
+        # Holes that would close stay as they are; then those of the outside move alone.
+        closed = shapely.get_num_interior_rings(moved) != shapely.get_num_interior_rings(simple)
+        if closed.any():
+            moved[closed] = shapely.difference(_offset(whole[closed], offset[closed]), holes[closed])
+        # What would vanish or fall apart stays, too.
         gone = (shapely.get_type_id(moved) != 3) | (shapely.area(moved) <= 0.0)
-        gone |= shapely.get_num_interior_rings(moved) != shapely.get_num_interior_rings(simple)
         moved, offset = np.where(gone, simple, moved), np.where(gone, 0.0, offset)
     return _parts(shapely.union_all(moved))
+
+
+def _offset(polygons: NDArray[Any], distance: NDArray[np.float64]) -> NDArray[Any]:
+    shapely, _ = libraries()
+    return np.asarray(shapely.buffer(polygons, distance, join_style="mitre", mitre_limit=_MITRE))
 
 
 def _deviation(exact: NDArray[Any], simple: NDArray[Any]) -> float:
