@@ -676,6 +676,29 @@ def test_sources_that_are_none_are_refused() -> None:
         made(quad(disc(20.0))).build(options=3)
 
 
+def test_places_that_are_none_are_named() -> None:
+    whole = _source(quad(disc(20.0)))
+    for bad in (np.nan, np.inf, -np.inf):
+        vertices, uvs = whole["vertices"].copy(), whole["uvs"][0].copy()
+        vertices[2, 1] = uvs[3, 0] = bad
+        with pytest.raises(nrs.MeshError, match=r"source: vertices\[2\]: must be finite"):
+            made({**whole, "vertices": vertices})
+        with pytest.raises(nrs.MeshError, match=r"source: uvs\[0\]\[3\]: must be finite"):
+            made({**whole, "uvs": [uvs]})
+    for bad in (-1, 4):
+        with pytest.raises(nrs.MeshError, match=r"source: faces\[1\]: refers to"):
+            made({**whole, "faces": np.array([[0, 1, 2], [0, 2, bad]])})
+
+
+@pytest.mark.parametrize("scale", [1e-30, 1e-6, 1e6, 1e30])
+def test_the_size_of_a_tree_does_not_matter(scale: float) -> None:
+    arrays = cards.tree("bent", 3)
+    one, other = made(arrays), made({**arrays, "vertices": arrays["vertices"] * scale})
+    assert np.array_equal(one.faces, other.faces)
+    assert np.abs(other.vertices / scale - one.vertices).max() < 1e-12
+    assert other.report.error == pytest.approx(one.report.error * scale)
+
+
 def test_cards_that_show_nothing_are_named() -> None:
     corner = quad(disc(10.0), QUAD * 0.1)
     with pytest.raises(nrs.ArgumentError, match="leaves: its cards show nothing above the cutoff"):

@@ -11,7 +11,7 @@ from nanite_rs import _advice, _trimesh, io
 from nanite_rs._asset import Source
 from nanite_rs._flatten import flattened
 from nanite_rs.assets import LoadedScene
-from nanite_rs.exceptions import ArgumentError, DtypeError
+from nanite_rs.exceptions import ArgumentError, DtypeError, MeshError
 from nanite_rs.mesh import NaniteMesh
 from nanite_rs.scene import Scene
 from nanite_rs.texture import Image, Texture
@@ -28,7 +28,7 @@ def source_of(given: Any, format: str | None) -> Source:
     """Return one mesh of what was given, in which materials of other names stay apart."""
     asset: Asset | None = None
     if isinstance(given, Source):
-        return replace(given)
+        return _sound(replace(given))
     if isinstance(given, NaniteMesh | TriangleMesh):
         scene = Scene()
         scene.add(given)
@@ -46,7 +46,25 @@ def source_of(given: Any, format: str | None) -> Source:
         asset = io.read_asset(given, format=format, drop_bad_textures=True)
     out = flattened(asset, by_name=True)
     asset.notes.warn(asset.name)
-    return out
+    return _sound(out)
+
+
+def _sound(source: Source) -> Source:
+    """Refuse what has no place, in space or in an image."""
+    for name, rows in (
+        ("vertices", source.vertices),
+        *((f"uvs[{k}]", uv) for k, uv in enumerate(source.uvs)),
+    ):
+        bad = np.flatnonzero(~np.isfinite(rows).all(axis=1))
+        if len(bad):
+            raise MeshError(f"source: {name}[{bad[0]}]: must be finite, not {rows[bad[0]].tolist()}")
+    wrong = np.flatnonzero(((source.faces < 0) | (source.faces >= len(source.vertices))).any(axis=1))
+    if len(wrong):
+        row = source.faces[wrong[0]].tolist()
+        raise MeshError(
+            f"source: faces[{wrong[0]}]: refers to {row}, there are {len(source.vertices)} vertices"
+        )
+    return source
 
 
 def _of_scene(scene: Scene) -> Asset:
