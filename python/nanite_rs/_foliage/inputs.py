@@ -20,6 +20,8 @@ from nanite_rs.triangle_mesh import TriangleMesh
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from numpy.typing import NDArray
+
     from nanite_rs._asset import Asset
     from nanite_rs.material import Material
 
@@ -51,10 +53,9 @@ def source_of(given: Any, format: str | None) -> Source:
 
 def _sound(source: Source) -> Source:
     """Refuse what has no place, in space or in an image."""
-    for name, rows in (
-        ("vertices", source.vertices),
-        *((f"uvs[{k}]", uv) for k, uv in enumerate(source.uvs)),
-    ):
+    places: dict[str, NDArray[Any]] = {"vertices": source.vertices}
+    places |= {f"uvs[{k}]": uv for k, uv in enumerate(source.uvs)}
+    for name, rows in places.items():
         bad = np.flatnonzero(~np.isfinite(rows).all(axis=1))
         if len(bad):
             raise MeshError(f"source: {name}[{bad[0]}]: must be finite, not {rows[bad[0]].tolist()}")
@@ -107,7 +108,7 @@ def with_textures(materials: tuple[Material, ...], textures: Mapping[str, Any]) 
     return tuple(out)
 
 
-def numbers(source: Source) -> np.ndarray[Any, np.dtype[np.int64]]:
+def numbers(source: Source) -> NDArray[np.int64]:
     """Return the row of ``materials`` of each face."""
     own = source.face_materials
     if own is None:
