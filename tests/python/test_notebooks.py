@@ -18,7 +18,7 @@ from oracles import subjects
 ROOT = Path(__file__).resolve().parents[2]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 FACES = "20000"
-NEEDED = ("nbclient", "nbformat", "ipykernel", "ipywidgets", "matplotlib", "fast_simplification")
+NEEDED = ("nbclient", "nbformat", "ipykernel", "ipywidgets", "matplotlib", "fast_simplification", "shapely")
 
 PICTURES = {
     "01_build": {"from-arrays", "levels", "cut-picture"},
@@ -35,6 +35,7 @@ PICTURES = {
         "path",
     },
     "05_compare": {"plots", "break-even"},
+    "06_nature": {"leaves", "levels", "crowd", "displace", "terrain", "imposter"},
 }
 """Cells that show a picture, whatever the machine."""
 
@@ -44,6 +45,7 @@ PRINTED = {
     "03_streaming": ("wait", "the same picture: True"),
     "04_render": ("instances", "625 instances"),
     "05_compare": ("table", r"nanite_rs, cut of a built mesh +\d,\d{3} +\d+\.\d +0\.\d{4}"),
+    "06_nature": ("leaves", r"leaves +leaves \(mask, \d+% of its image is empty\)"),
 }
 """A cell of each, and what it says."""
 
