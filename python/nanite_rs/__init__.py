@@ -45,6 +45,7 @@ from nanite_rs.exceptions import (
     WorkerError,
 )
 from nanite_rs.frame import Frame
+from nanite_rs.imposters import Imposter, ImposterPicture, bake_imposter
 from nanite_rs.interop import PyrenderView, from_pyrender
 from nanite_rs.light import DirectionalLight, Environment, PointLight, SpotLight
 from nanite_rs.material import Material
@@ -88,6 +89,8 @@ __all__ = [
     "Frame",
     "FrameStats",
     "Image",
+    "Imposter",
+    "ImposterPicture",
     "InternalError",
     "IntrinsicsCamera",
     "InvariantError",
@@ -132,6 +135,7 @@ __all__ = [
     "Viewer",
     "WorkerError",
     "__version__",
+    "bake_imposter",
     "build_file",
     "build_many",
     "compare",

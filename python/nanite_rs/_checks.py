@@ -111,6 +111,19 @@ def bright(value: Color, name: str) -> Rgb:
     return found
 
 
+def numbers(value: Any, shape: tuple[int, ...], name: str) -> NDArray[np.float64]:
+    """Return a copy of finite numbers of a shape."""
+    try:
+        array = np.array(value, np.float64)
+    except (TypeError, ValueError):
+        raise DtypeError(f"{name}: expected numbers of shape {shape}, not {value!r}") from None
+    if array.shape != shape:
+        raise ArgumentError(f"{name}: expected shape {shape}, found {array.shape}")
+    if not np.isfinite(array).all():
+        raise ArgumentError(f"{name}: must be finite")
+    return array
+
+
 def path_of(value: object, name: str = "path") -> str:
     """Return a path as a string.
 

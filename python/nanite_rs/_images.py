@@ -270,10 +270,11 @@ def read_image(source: str | os.PathLike[str] | bytes, name: str | None = None) 
         return _read_deep(data, ending, name)
     if data.startswith(_KTX):
         raise FormatError(f"{name}: KTX textures cannot be read; PNG, JPEG and WebP can")
-    return _read_plain(data, name)
+    return read_plain(data, name)
 
 
-def _read_plain(data: bytes, name: str) -> NDArray[Any]:
+def read_plain(data: bytes, name: str) -> NDArray[Any]:
+    """Read what Pillow reads, as it is."""
     import PIL
     from PIL import Image
 

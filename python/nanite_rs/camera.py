@@ -189,7 +189,7 @@ class IntrinsicsCamera(Camera):
         >>> nrs.IntrinsicsCamera.from_opencv(K, 1280, 720).cx
         640.0
         """
-        matrix = _numbers(K, (3, 3), "K")
+        matrix = _checks.numbers(K, (3, 3), "K")
         sides = _checks.whole(width, "width", 1), _checks.whole(height, "height", 1)
         if matrix[2, 2] == 0.0 or not np.allclose(
             [matrix[1, 0], matrix[2, 0], matrix[2, 1]], 0.0, atol=1e-9 * np.abs(matrix).max()
@@ -354,10 +354,10 @@ def pose_from_opencv(
     except ValueError:
         shape = ()
     if shape in ((3,), (3, 1), (1, 3)):
-        rotation = _rodrigues(_numbers(R, shape, "R").ravel())
+        rotation = _rodrigues(_checks.numbers(R, shape, "R").ravel())
     else:
-        rotation = _numbers(R, (3, 3), "R")
-    place = np.zeros(3) + _numbers(t, (3, 1) if np.shape(t) == (3, 1) else (3,), "t").ravel()
+        rotation = _checks.numbers(R, (3, 3), "R")
+    place = np.zeros(3) + _checks.numbers(t, (3, 1) if np.shape(t) == (3, 1) else (3,), "t").ravel()
     from_world = np.eye(4)
     from_world[:3, :3] = rotation
     try:
@@ -380,18 +380,6 @@ def _rodrigues(vector: NDArray[np.float64]) -> NDArray[np.float64]:
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     turned: NDArray[np.float64] = np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross
     return turned
-
-
-def _numbers(value: ArrayLike, shape: tuple[int, ...], name: str) -> NDArray[np.float64]:
-    try:
-        array = np.array(value, np.float64)
-    except (TypeError, ValueError):
-        raise DtypeError(f"{name}: expected numbers of shape {shape}, not {value!r}") from None
-    if array.shape != shape:
-        raise ArgumentError(f"{name}: expected shape {shape}, found {array.shape}")
-    if not np.isfinite(array).all():
-        raise ArgumentError(f"{name}: must be finite")
-    return array
 
 
 def orbit(

@@ -1,0 +1,1 @@
+"""Imposters: the map of directions, how views are baked, mixed and filed."""
