@@ -317,6 +317,24 @@ def _foliage(arguments: argparse.Namespace) -> int:
     return command.run(arguments, replace(_options(arguments), preserve_area=True))
 
 
+def _imposter(arguments: argparse.Namespace) -> int:
+    name: str = arguments.input
+    folder = arguments.output or f"{_stem(name)}_imposter"
+    shown: nrs.NaniteMesh | nrs.LoadedScene
+    if _is_built(name) or name.startswith(SHAPE_PREFIX):
+        shown = _mesh(arguments)
+    else:  # with the materials and instances of the file
+        progress = False if arguments.quiet else None
+        shown = nrs.load_scene(name, options=_options(arguments), progress=progress)
+    how = {name: getattr(arguments, name) for name in ("views", "size", "up", "backend")}
+    baked, seconds = _timed(lambda: nrs.bake_imposter(shown, full_sphere=not arguments.half, **how))
+    baked.save(folder)
+    if not arguments.quiet:
+        said = str(baked).strip("<>").removeprefix("Imposter ")
+        print(f"{folder}: {said}, {_text.megabytes(baked.nbytes)} of texels, in {_text.seconds(seconds)}")
+    return 0
+
+
 def _render(arguments: argparse.Namespace) -> int:
     _images.suffix(arguments.output)
     shown = _shown(arguments)
@@ -755,6 +773,19 @@ def _add_foliage(commands: Any) -> None:
     _add_building(sub)
 
 
+def _add_imposter(commands: Any) -> None:
+    text = "Bake pictures of a mesh from a grid of directions: PNG files, and JSON that says what they mean."
+    sub = _command(commands, "imposter", _imposter, text, "nanite-rs imposter tree.glb -o tree --half")
+    sub.add_argument("input", metavar="INPUT", help=INPUT_HELP)
+    sub.add_argument("--output", "-o", metavar="FOLDER", help="folder (INPUT's name and _imposter)")
+    sub.add_argument("--views", type=int, default=12, metavar="N", help="along each side of the grid (12)")
+    sub.add_argument("--size", type=int, default=128, metavar="N", help="texels of a side of a view (128)")
+    sub.add_argument("--half", action="store_true", help="from above the horizon alone")
+    sub.add_argument("--up", choices=("y", "z"), default="y", help="the axis that points up (y)")
+    sub.add_argument("--backend", default="cpu", choices=("auto", "cpu", "gpu"), help="what draws (cpu)")
+    _add_building(sub)
+
+
 def _add_render(commands: Any) -> None:
     text = "Render a mesh into a PNG, or its linear colour, depth, normals and ids into an EXR."
     example = "nanite-rs render dragon.nanite -o levels.png --view levels --azimuth 200"
@@ -830,7 +861,11 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"nanite-rs {nrs.__version__}")
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
-    for add in (_add_build, _add_info, _add_cut, _add_tiles, _add_foliage, _add_render, _add_view, _add_demo):
+    adds = (
+        *(_add_build, _add_info, _add_cut, _add_tiles, _add_foliage, _add_imposter),
+        *(_add_render, _add_view, _add_demo),
+    )
+    for add in adds:
         add(commands)
     return parser
 

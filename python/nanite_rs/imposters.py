@@ -187,6 +187,8 @@ class Imposter:
         The three views around the direction of the camera are mixed by barycentric coordinates in the grid. A ray
         looks up the depth of a view where it meets the plane through the centre, goes on to where it is at that
         depth, and so on. Texels are filtered bilinearly, from the mip level whose texels are no larger than pixels.
+        What none of the three shows is missing: some of the outline, the more the fewer the views. Those of the
+        upper half say nothing of what is seen from far below the horizon; straight from below nothing is shown.
 
         Parameters
         ----------
