@@ -212,8 +212,8 @@ class Imposter:
         >>> ball = nrs.NaniteMesh.from_arrays(*nrs.shapes.icosphere(faces=2_000))
         >>> imposter = nrs.bake_imposter(ball, views=6, size=32)
         >>> picture = imposter.picture(imposter.camera, imposter.pose((1, 2, 3)), 32, 32)
-        >>> picture.alpha.shape, round(float(picture.depth[16, 16]), 1)
-        ((32, 32), 1.0)
+        >>> picture.alpha.shape, abs(float(picture.depth[16, 16]) - 1.0) < 0.1
+        ((32, 32), True)
         """
         if not isinstance(camera, Camera):
             raise DtypeError(f"camera: expected a camera of nanite_rs, not {type(camera).__name__}")
@@ -266,7 +266,7 @@ class Imposter:
 
     @classmethod
     def open(cls, folder: str | os.PathLike[str]) -> Imposter:
-        """Read what `save` wrote.
+        """Read what `save` wrote into ``folder``.
 
         Raises
         ------
@@ -304,8 +304,8 @@ def bake_imposter(
     neighbours, so that filters mix in nothing foreign. Where materials blend, there is a hole where alpha is below
     0.5; emitted light is left out.
 
-    The same input gives the same bytes on the CPU backend. See the guide on imposters for what they are good for,
-    which is little here: the coarsest clusters of a `NaniteMesh` are smaller and mostly nearer to the mesh.
+    The same input gives the same bytes on the CPU backend. The guide on imposters says where they are nearer to the
+    mesh than a cut is, and where not.
 
     Parameters
     ----------

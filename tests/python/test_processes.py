@@ -239,6 +239,10 @@ def test_exports_work_in_children_of_every_start(tmp_path) -> None:
             "ktx2": lambda: written(lambda to: of_charts().export(f"{to}/a.glb", levels=[0.5], images="ktx2")),
             "clusters": lambda: digest(*(getattr(mesh.clusters(), n) for n in ("vertices", "errors", "ids"))),
             "rebaked": lambda: digest(*rebaked(of_charts())),
+            "imposter": lambda: written(lambda to: nrs.bake_imposter(mesh, views=3, size=16).save(to)),
+            "imposter of a file": lambda: written(
+                lambda to: nrs.bake_imposter(nrs.NaniteMesh.open(file), views=3, size=16).save(to)
+            ),
         }
         same_on_both_sides(calls)
         """,
