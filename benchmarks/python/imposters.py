@@ -83,16 +83,16 @@ def averaged(color: np.ndarray, alpha: np.ndarray, size: int) -> np.ndarray:
     return light.reshape(size, times, size, times, 4).mean(axis=(1, 3))
 
 
-def lit(base: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    return base * (0.3 + 0.7 * np.clip(normal @ LIGHT, 0.0, 1.0))[..., None]
+def lit(base: np.ndarray, normal: np.ndarray, *, unlit: bool) -> np.ndarray:
+    return base if unlit else base * (0.3 + 0.7 * np.clip(normal @ LIGHT, 0.0, 1.0))[..., None]
 
 
-def drawn(renderer: nrs.Renderer, scene: nrs.Scene, camera, pose, pixel_error: float):
+def drawn(renderer: nrs.Renderer, scene: nrs.Scene, camera, pose, pixel_error: float, *, unlit: bool):
     """Lit colours and coverage of samples, and triangles."""
     outputs = ("depth", "base_color", "shading_normal")
     frame = renderer.render(scene, camera, pose, pixel_error=pixel_error, shading="gltf", outputs=outputs)
     covered = (frame.depth > 0).astype(np.float32)
-    return lit(frame.base_color, frame.shading_normal), covered, frame.stats.triangles
+    return lit(frame.base_color, frame.shading_normal, unlit=unlit), covered, frame.stats.triangles
 
 
 def differences(ours: np.ndarray, reference: np.ndarray) -> tuple[float, float]:
@@ -117,7 +117,9 @@ def root_bytes(scene: nrs.Scene) -> tuple[int, int]:
     return triangles, bytes_
 
 
-def measure(name: str, scene: nrs.Scene, *, full: bool, count: int, views: int, size: int) -> None:
+def measure(
+    name: str, scene: nrs.Scene, *, full: bool, count: int, views: int, size: int, unlit: bool
+) -> None:
     start = time.perf_counter()
     imposter = nrs.bake_imposter(scene, views=views, size=size, full_sphere=full)
     seconds = time.perf_counter() - start
@@ -132,13 +134,13 @@ def measure(name: str, scene: nrs.Scene, *, full: bool, count: int, views: int, 
     with nrs.Renderer(REFERENCE, REFERENCE, backend="cpu") as fine:
         for direction in directions(count, full=full):
             pose = imposter.pose(direction)
-            color, covered, _ = drawn(fine, scene, camera, pose, 0.0)
+            color, covered, _ = drawn(fine, scene, camera, pose, 0.0, unlit=unlit)
             for at in SIZES:
                 reference = averaged(color, covered, at)
                 picture = imposter.picture(camera, pose, SAMPLES * at, SAMPLES * at)
-                light = lit(picture.base_color, picture.normal)
-                near = drawn(renderers[at], scene, camera, pose, float(SAMPLES))
-                coarse = drawn(renderers[at], scene, camera, pose, 1e30)
+                light = lit(picture.base_color, picture.normal, unlit=unlit)
+                near = drawn(renderers[at], scene, camera, pose, float(SAMPLES), unlit=unlit)
+                coarse = drawn(renderers[at], scene, camera, pose, 1e30, unlit=unlit)
                 drawn_triangles[at].append(near[2])
                 pictures = {
                     "imposter": (light, picture.alpha),
@@ -165,11 +167,13 @@ def main() -> None:
     parser.add_argument("--directions", type=int, default=100, help="(%(default)s)")
     parser.add_argument("--views", type=int, default=12, help="of a side (%(default)s)")
     parser.add_argument("--size", type=int, default=64, help="texels of a view (%(default)s)")
+    parser.add_argument("--unlit", action="store_true", help="base colours alone")
     parser.add_argument("--only", default="", help="part of a name")
     options = parser.parse_args()
     for name, (scene, full) in scenes().items():
         if options.only in name:
-            measure(name, scene, full=full, count=options.directions, views=options.views, size=options.size)
+            how = {"views": options.views, "size": options.size, "unlit": options.unlit}
+            measure(name, scene, full=full, count=options.directions, **how)
 
 
 if __name__ == "__main__":
