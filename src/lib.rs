@@ -7,6 +7,7 @@ pub mod build;
 pub mod config;
 pub mod cpu;
 pub mod decimate;
+pub mod displace;
 pub mod error;
 pub mod external;
 pub mod finish;

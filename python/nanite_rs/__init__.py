@@ -24,6 +24,7 @@ from nanite_rs.collection import BuildResult, BuildResults, build_many
 from nanite_rs.comparison import Comparison, SilhouetteDistance, compare
 from nanite_rs.cut import Cut
 from nanite_rs.decimation import decimate, simplify
+from nanite_rs.displacement import DisplacedMesh, displace
 from nanite_rs.exceptions import (
     AccessError,
     ArgumentError,
@@ -81,6 +82,7 @@ __all__ = [
     "Cut",
     "DependencyError",
     "DirectionalLight",
+    "DisplacedMesh",
     "DtypeError",
     "Environment",
     "FileError",
@@ -140,6 +142,7 @@ __all__ = [
     "build_many",
     "compare",
     "decimate",
+    "displace",
     "foliage",
     "from_pyrender",
     "get_num_threads",

@@ -36,6 +36,7 @@ __all__ = [
     "cluster_table",
     "compressed",
     "decimate",
+    "displace",
     "encode_basis",
     "group_table",
     "num_threads",
@@ -113,6 +114,17 @@ def decimate(
     lossless: bool,
     progress: Callable[[int, int], object] | None = None,
 ) -> Cut: ...
+def displace(
+    arrays: tuple[NDArray[Any], NDArray[Any], NDArray[np.float64], NDArray[np.float64] | None],
+    texels: NDArray[Any],
+    *,
+    wraps: tuple[int, ...],
+    rows: list[list[float]],
+    scale: float,
+    midlevel: float,
+    tolerance: float,
+    max_triangles: int,
+) -> dict[str, Any]: ...
 
 @final
 class BlockBuild:

@@ -14,7 +14,7 @@ use crate::measure::{self, DistanceOptions, MeshView};
 use crate::mesh::Positions;
 
 /// Positions as f64, copied only where they are not.
-fn wide<'a>(py: Python<'_>, positions: &'a PositionArray<'_>) -> PyResult<Cow<'a, [[f64; 3]]>> {
+pub(super) fn wide<'a>(py: Python<'_>, positions: &'a PositionArray<'_>) -> PyResult<Cow<'a, [[f64; 3]]>> {
     Ok(match positions.get() {
         Positions::F64(p) => Cow::Borrowed(p),
         Positions::F32(p) => {

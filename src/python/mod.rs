@@ -5,6 +5,7 @@ mod arrays;
 mod basis;
 mod blocks;
 mod calls;
+mod displace;
 mod errors;
 mod image;
 mod measure;
@@ -57,6 +58,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(tables::group_table, module)?)?;
     module.add_function(wrap_pyfunction!(tables::page_table, module)?)?;
     module.add_function(wrap_pyfunction!(tables::page_table_of_file, module)?)?;
+    module.add_function(wrap_pyfunction!(displace::displace, module)?)?;
     module.add_function(wrap_pyfunction!(measure::surface_distance, module)?)?;
     module.add_function(wrap_pyfunction!(measure::closest_points, module)?)?;
     module.add_function(wrap_pyfunction!(read::read_ply, module)?)?;
