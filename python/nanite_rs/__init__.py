@@ -59,6 +59,7 @@ from nanite_rs.scene import LightNode, MeshNode, Scene
 from nanite_rs.skinned_mesh import SkinnedMesh
 from nanite_rs.stats import FrameStats, ShadowCascade, ShadowStats, StageStats, StreamStats, TrafficStats
 from nanite_rs.strokes import Lines, Points
+from nanite_rs.terrain import HeightfieldMesh, heightfield
 from nanite_rs.texture import Image, Texture
 from nanite_rs.threads import get_num_threads, set_num_threads
 from nanite_rs.triangle_mesh import TriangleMesh
@@ -90,6 +91,7 @@ __all__ = [
     "FormatError",
     "Frame",
     "FrameStats",
+    "HeightfieldMesh",
     "Image",
     "Imposter",
     "ImposterPicture",
@@ -146,6 +148,7 @@ __all__ = [
     "foliage",
     "from_pyrender",
     "get_num_threads",
+    "heightfield",
     "load_scene",
     "look_at",
     "measure",

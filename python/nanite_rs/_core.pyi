@@ -39,6 +39,7 @@ __all__ = [
     "displace",
     "encode_basis",
     "group_table",
+    "heightfield",
     "num_threads",
     "pack_directions",
     "pack_faces",
@@ -125,6 +126,14 @@ def displace(
     tolerance: float,
     max_triangles: int,
 ) -> dict[str, Any]: ...
+def heightfield(
+    heights: NDArray[np.float64],
+    roles: NDArray[np.uint8],
+    *,
+    tolerance: float,
+    max_triangles: int,
+    fit: bool,
+) -> dict[str, Any]: ...
 
 @final
 class BlockBuild:
@@ -208,6 +217,7 @@ class Mesh:
     @property
     def image_count(self) -> int: ...
     def image_file(self, number: int) -> bytes: ...
+    def with_source_error(self, error: float) -> Mesh: ...
     def to_bytes(self) -> bytes: ...
     def check(self) -> dict[str, int]: ...
     def report_json(self) -> str: ...

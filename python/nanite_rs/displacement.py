@@ -65,7 +65,8 @@ class DisplacedMesh:
     ) -> NaniteMesh:
         """Build a `NaniteMesh` with the normals and texture coordinates.
 
-        A cut is within `Cut.error` of this mesh, so within ``cut.error + displaced.error`` of the exact surface.
+        Its errors include that of this mesh: no point of a cut or of the exact surface is farther from the
+        other one than `Cut.error`, in files, too. Full detail has the error of this mesh.
 
         Parameters
         ----------
@@ -87,7 +88,7 @@ class DisplacedMesh:
                     f"face_materials: expected one for each face of the source, found shape {face_materials.shape}"
                 )
             face_materials = face_materials[self.face_ids]
-        return NaniteMesh.from_arrays(
+        mesh = NaniteMesh.from_arrays(
             self.vertices,
             self.faces,
             normals=self.normals,
@@ -97,6 +98,8 @@ class DisplacedMesh:
             options=options,
             progress=progress,
         )
+        mesh._core = mesh._core.with_source_error(self.error)
+        return mesh
 
 
 def _texels(height: Texture | Image | ArrayLike | str | os.PathLike[str]) -> NDArray[Any]:
@@ -153,18 +156,19 @@ def displace(
     """Put a height map on a mesh, with triangles where it has detail, within a tolerance of the exact surface.
 
     **The exact surface.** The point at the place b of a triangle moves to
-    ``p(b) + scale * (h(uv(b)) - midlevel) * n(b) / |n(b)|``, with positions, texture coordinates and normals linear
-    over the triangle, and texels blended bilinearly. Of a map of vectors it is
+    ``p(b) + scale * (h(uv(b)) - midlevel) * n(b) / |n(b)|``, with positions, texture coordinates and normals
+    linear over the triangle, and texels blended bilinearly. Of a map of vectors it is
     ``p(b) + scale * (h(uv(b)) - midlevel)``, in the space of the mesh.
 
-    **Seams and creases.** Where faces that meet have different texture coordinates or normals, that surface is
-    torn. There it has the mean height along the normalised mean normal of both sides, and the difference fades out
-    across the faces at the seam. `DisplacedMesh.tear` bounds that difference. Faces meet where they have corners at
-    the same position.
+    **Seams and creases.** Where faces that meet have different texture coordinates or normals, that surface
+    is torn. There it has the mean height along the normalised mean normal of both sides, and the difference
+    fades out across the faces at the seam. `DisplacedMesh.tear` bounds that difference. Faces meet where they
+    have corners at the same position.
 
     **Refinement.** Longest edges are halved (Rivara 1984) until every triangle is proven to be within the
-    tolerance: heights are compared texel by texel over its footprint, and what normals add is bounded. Edges are
-    split alike for all faces at them, so that no crack opens. The result does not depend on the number of threads.
+    tolerance: heights are compared texel by texel over its footprint, and what normals add is bounded. Edges
+    are split alike for all faces at them, so that no crack opens. The result does not depend on the number of
+    threads.
 
     Parameters
     ----------
@@ -188,8 +192,8 @@ def displace(
     wrap : {"repeat", "mirror", "clamp"} or two of them
         What is beyond the edges of the map, along both axes or along u and v.
     max_triangles : int
-        Where more would be needed, those that are farthest off are refined, and a `UsageWarning` says what was
-        reached.
+        Where more would be needed, those that are farthest off are refined, and a `UsageWarning` says what
+        was reached.
 
     Returns
     -------
@@ -214,6 +218,8 @@ def displace(
     >>> made.error <= 0.001 and len(made) < 3_000
     True
     >>> mesh = made.build()
+    >>> mesh.cut(error=0).error >= made.error
+    True
     """
     vertices, faces = as_array(vertices, "vertices"), as_array(faces, "faces")
     count = len(vertices) if vertices.ndim else 0

@@ -19,6 +19,7 @@ from nanite_rs import (
     _upload,
     clusters,
     io,
+    terrain,
 )
 from nanite_rs._arrays import as_array, core_arrays
 from nanite_rs._core import FINE_PART
@@ -240,6 +241,50 @@ class NaniteMesh(Geometry):
         """
         source = io.from_trimesh(mesh)
         return cls.from_arrays(**source.arrays(), options=options, progress=progress)
+
+    @classmethod
+    def from_heightfield(
+        cls,
+        heights: ArrayLike,
+        *,
+        spacing: float | tuple[float, float] = 1.0,
+        tolerance: float,
+        nodata: float | None = None,
+        materials: Look | None = None,
+        options: BuildOptions | None = None,
+        progress: Progress = None,
+    ) -> NaniteMesh:
+        """Build terrain from an array of heights, by `heightfield`.
+
+        The largest vertical distance of a post is part of all errors: no post is farther from a cut than
+        `Cut.error`.
+
+        Parameters
+        ----------
+        heights, spacing, tolerance, nodata
+            As in `heightfield`.
+        materials, options, progress
+            As in `from_arrays`. Textures lie over the array as one with a texel for each post does.
+
+        Raises
+        ------
+        ArgumentError, DtypeError, MeshError
+            As in `heightfield`.
+
+        Examples
+        --------
+        >>> x, y = np.meshgrid(np.linspace(-3, 3, 200), np.linspace(-3, 3, 200))
+        >>> hill = np.exp(-x * x - y * y)
+        >>> mesh = nrs.NaniteMesh.from_heightfield(hill, spacing=0.03, tolerance=0.01)
+        >>> bool(mesh.cut(error=0).error <= 0.0101)
+        True
+        """
+        made = terrain.heightfield(heights, spacing=spacing, tolerance=tolerance, nodata=nodata)
+        mesh = cls.from_arrays(
+            made.vertices, made.faces, uvs=made.uvs, materials=materials, options=options, progress=progress
+        )
+        mesh._core = mesh._core.with_source_error(made.error)
+        return mesh
 
     @classmethod
     def from_pyvista(

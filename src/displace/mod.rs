@@ -6,6 +6,7 @@
 //! directions.
 
 mod bend;
+pub mod heightfield;
 pub mod map;
 mod refine;
 mod source;

@@ -84,7 +84,8 @@ pub struct CoordinateFrame {
     pub origin: [f64; 3],
     /// Object units per internal unit, a power of two.
     pub scale: f64,
-    /// Largest distance, object units, by which storing a source position in f32 moved it, rounded up.
+    /// Largest distance, object units, by which storing a source position in f32 moved it, and by which the source itself is
+    /// off what it stands for, as displaced meshes state it; rounded up.
     pub rounding: f64,
 }
 

@@ -2,14 +2,15 @@
 
 use std::borrow::Cow;
 
-use numpy::{PyReadonlyArrayDyn, PyUntypedArrayMethods};
+use numpy::{PyReadonlyArray2, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use super::arrays::{FaceArray, PositionArray, into_array, into_rows, vertex_rows};
-use super::calls::watched;
-use super::errors::to_python;
+use super::calls::{interruptible, watched};
+use super::errors::{argument_error, to_python};
 use super::measure::wide;
+use crate::displace::heightfield::Posts;
 use crate::displace::{HeightMap, Input, Options, Texels};
 use crate::error::{Error, Result};
 use crate::scene::texture::Wrap;
@@ -91,5 +92,38 @@ pub(super) fn displace<'py>(
     out.set_item("error", made.error)?;
     out.set_item("tear", made.tear)?;
     out.set_item("dropped_faces", made.dropped)?;
+    Ok(out)
+}
+
+/// Triangulates a rectangle of posts, of which `roles` says what each is.
+#[pyfunction]
+#[pyo3(signature = (heights, roles, *, tolerance, max_triangles, fit))]
+pub(super) fn heightfield<'py>(
+    py: Python<'py>,
+    heights: PyReadonlyArray2<'py, f64>,
+    roles: PyReadonlyArray2<'py, u8>,
+    tolerance: f64,
+    max_triangles: usize,
+    fit: bool,
+) -> PyResult<Bound<'py, PyDict>> {
+    let shape = heights.shape();
+    let (height, width) = (shape[0], shape[1]);
+    let (Ok(numbers), Ok(kinds)) = (heights.as_slice(), roles.as_slice()) else {
+        return Err(argument_error(py, "heights", "must be C-contiguous"));
+    };
+    if roles.shape() != shape {
+        return Err(argument_error(py, "roles", format!("expected shape {shape:?}")));
+    }
+    let posts = Posts { heights: numbers, roles: kinds, width, height };
+    let made = interruptible(py, |check| {
+        crate::displace::heightfield::heightfield(posts, tolerance, max_triangles, fit, check)
+    })?;
+    let out = PyDict::new(py);
+    out.set_item("places", into_rows(py, made.places)?)?;
+    out.set_item("heights", into_array(py, made.heights))?;
+    out.set_item("triangles", into_rows(py, made.triangles)?)?;
+    out.set_item("error", made.error)?;
+    out.set_item("squares", made.squares)?;
+    out.set_item("measured", made.measured)?;
     Ok(out)
 }

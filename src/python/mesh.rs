@@ -243,6 +243,21 @@ impl Mesh {
         interruptible(py, |proceed| format::save(dag, &path, precision, proceed))
     }
 
+    /// The same mesh, whose source is so far from the surface that it stands for, in object units: that counts as the rounding
+    /// of positions does, in every error.
+    fn with_source_error(&self, py: Python<'_>, error: f64) -> PyResult<Self> {
+        let mut dag = (*self.dag).clone();
+        dag.frame.rounding = (dag.frame.rounding + error).next_up();
+        if !(error >= 0.0 && dag.frame.rounding.is_finite()) {
+            return Err(argument_error(
+                py,
+                "source_error",
+                format!("must be finite and not negative, not {error}"),
+            ));
+        }
+        Ok(Self::new(dag))
+    }
+
     /// The bytes of a `.nanite` file.
     fn to_bytes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
         let bytes = interruptible(py, |proceed| {

@@ -59,6 +59,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(tables::page_table, module)?)?;
     module.add_function(wrap_pyfunction!(tables::page_table_of_file, module)?)?;
     module.add_function(wrap_pyfunction!(displace::displace, module)?)?;
+    module.add_function(wrap_pyfunction!(displace::heightfield, module)?)?;
     module.add_function(wrap_pyfunction!(measure::surface_distance, module)?)?;
     module.add_function(wrap_pyfunction!(measure::closest_points, module)?)?;
     module.add_function(wrap_pyfunction!(read::read_ply, module)?)?;
