@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import itertools
 import json
+import math
 import os
 import platform
 import sys
@@ -34,9 +35,10 @@ from nanite_rs import (
 )
 from nanite_rs._export_packing import Compression, ImageFormat
 from nanite_rs._preview import BACKGROUND, CLAY, UP, picture
-from nanite_rs.exceptions import ArgumentError, NaniteError
+from nanite_rs.exceptions import ArgumentError, FormatError, NaniteError
 from nanite_rs.frame import ViewName
 from nanite_rs.renderer import ShadowsName
+from nanite_rs.texture import Wrap
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -51,6 +53,8 @@ examples:
   nanite-rs build *.ply -o built/                   write a file for each, and say which failed
   nanite-rs build tiles/ -o terrain.nanite          write one file of all meshes in a folder
   nanite-rs build dragon.ply -o s3://bucket/dragon.nanite
+  nanite-rs displace wall.glb bricks.png --tolerance 0.001
+  nanite-rs terrain N43E006.hgt --tolerance 5 --spacing 66 92
   nanite-rs info dragon.nanite                      what is in it, and what building did
   nanite-rs info https://example.org/dragon.nanite  the same, without loading the file
   nanite-rs cut dragon.nanite -o small.ply --target-faces 10000
@@ -333,6 +337,92 @@ def _imposter(arguments: argparse.Namespace) -> int:
         said = str(baked).strip("<>").removeprefix("Imposter ")
         print(f"{folder}: {said}, {_text.megabytes(baked.nbytes)} of texels, in {_text.seconds(seconds)}")
     return 0
+
+
+def _displace(arguments: argparse.Namespace) -> int:
+    output = _built_name(arguments)
+    source = io.from_file(arguments.input, name="input")
+    uvs = source.uvs[0] if isinstance(source.uvs, list | tuple) and source.uvs else source.uvs
+    if uvs is None or len(uvs) == 0:
+        raise ArgumentError(f"{arguments.input}: it has no texture coordinates to lay a height map by")
+    normals = None if source.normals is None else np.asarray(source.normals, np.float64)
+    made, seconds = _timed(
+        lambda: nrs.displace(
+            source.vertices,
+            source.faces,
+            uvs=np.asarray(uvs, np.float64),
+            normals=normals,
+            height=arguments.height,
+            scale=arguments.scale,
+            midlevel=arguments.midlevel,
+            tolerance=arguments.tolerance,
+            wrap=arguments.wrap,
+            max_triangles=arguments.max_triangles,
+        )
+    )
+    progress = False if arguments.quiet else None
+    mesh = made.build(
+        face_materials=source.face_materials,
+        materials=source.materials or None,
+        options=_options(arguments),
+        progress=progress,
+    )
+    mesh.save(output)
+    if not arguments.quiet:
+        torn = f", up to {made.tear:.4g} beside its torn edges" if made.tear else ""
+        print(
+            f"{output}: {mesh}, off by {made.error:.4g} or less{torn}, displaced in {_text.seconds(seconds)}"
+        )
+    return 0
+
+
+def _terrain(arguments: argparse.Namespace) -> int:
+    output = _built_name(arguments)
+    heights = _heights(arguments.input)
+    spacing = arguments.spacing[0] if len(arguments.spacing) == 1 else tuple(arguments.spacing)
+    progress = False if arguments.quiet else None
+    mesh, seconds = _timed(
+        lambda: nrs.NaniteMesh.from_heightfield(
+            heights,
+            spacing=spacing,
+            tolerance=arguments.tolerance,
+            nodata=arguments.nodata,
+            options=_options(arguments),
+            progress=progress,
+        )
+    )
+    mesh.save(output)
+    if not arguments.quiet:
+        posts = f"{heights.shape[0]:,} x {heights.shape[1]:,} posts"
+        print(f"{output}: {mesh} of {posts}, in {_text.seconds(seconds)}")
+    return 0
+
+
+def _heights(name: str) -> NDArray[Any]:
+    """The heights of a file: .npy, .hgt of SRTM, or a grey picture, as the numbers that are in it."""
+    if _sources.ending(name) == ".npy":
+        try:
+            array: NDArray[Any] = np.load(name, mmap_mode="r", allow_pickle=False)
+        except ValueError as error:
+            raise FormatError(f"{name}: {error}") from None
+        return array
+    if _sources.ending(name) == ".hgt":
+        numbers = np.memmap(name, ">i2", "r")
+        side = math.isqrt(len(numbers))
+        if side * side != len(numbers):
+            raise FormatError(f"{name}: {len(numbers):,} heights are no square")
+        return numbers.reshape(side, side)
+    pixels = nrs.Image.open(name).pixels
+    if not (pixels == pixels[:, :, :1]).all():
+        raise ArgumentError(f"{name}: heights are one channel, not {pixels.shape[2]} different ones")
+    return pixels[:, :, 0]
+
+
+def _built_name(arguments: argparse.Namespace) -> str:
+    output: str = arguments.output or f"{_stem(arguments.input)}{io.NANITE_SUFFIX}"
+    if not _is_built(output):
+        raise ArgumentError(f"{output}: the output must end in {io.NANITE_SUFFIX}")
+    return output
 
 
 def _render(arguments: argparse.Namespace) -> int:
@@ -786,6 +876,36 @@ def _add_imposter(commands: Any) -> None:
     _add_building(sub)
 
 
+def _add_displace(commands: Any) -> None:
+    text = "Put a height map on a mesh, within a tolerance of the exact surface, and build what comes of it."
+    example = "nanite-rs displace wall.glb bricks.png -o wall.nanite --scale 0.05 --tolerance 0.001"
+    sub = _command(commands, "displace", _displace, text, example)
+    sub.add_argument("input", metavar="INPUT", help="mesh file with texture coordinates")
+    sub.add_argument("height", metavar="HEIGHT", help="picture: grey of heights, or RGB of vectors")
+    sub.add_argument("--output", "-o", metavar="FILE", help="(INPUT's name and .nanite)")
+    sub.add_argument("--tolerance", type=float, required=True, metavar="E", help="in units of the mesh")
+    sub.add_argument("--scale", type=float, default=1.0, metavar="S", help="times the heights (1)")
+    sub.add_argument("--midlevel", type=float, default=0.0, metavar="M", help="height that stays (0)")
+    names = get_args(Wrap)
+    sub.add_argument("--wrap", choices=names, default="repeat", help="beyond the map (repeat)")
+    sub.add_argument("--max-triangles", type=int, default=20_000_000, metavar="N", help="at most (20000000)")
+    _add_building(sub)
+
+
+def _add_terrain(commands: Any) -> None:
+    text = "Build terrain from heights (.npy, .hgt, a grey picture), within a tolerance of all posts."
+    example = "nanite-rs terrain N43E006.hgt -o coast.nanite --spacing 66 92 --tolerance 5 --nodata -32768"
+    sub = _command(commands, "terrain", _terrain, text, example)
+    sub.add_argument("input", metavar="INPUT", help="rows of heights from the north")
+    sub.add_argument("--output", "-o", metavar="FILE", help="(INPUT's name and .nanite)")
+    sub.add_argument("--tolerance", type=float, required=True, metavar="E", help="vertical, as the heights")
+    sub.add_argument(
+        "--spacing", type=float, nargs="+", default=[1.0], metavar="D", help="between columns, and rows (1)"
+    )
+    sub.add_argument("--nodata", type=float, metavar="H", help="what stands for no height")
+    _add_building(sub)
+
+
 def _add_render(commands: Any) -> None:
     text = "Render a mesh into a PNG, or its linear colour, depth, normals and ids into an EXR."
     example = "nanite-rs render dragon.nanite -o levels.png --view levels --azimuth 200"
@@ -862,8 +982,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"nanite-rs {nrs.__version__}")
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
     adds = (
-        *(_add_build, _add_info, _add_cut, _add_tiles, _add_foliage, _add_imposter),
-        *(_add_render, _add_view, _add_demo),
+        *(_add_build, _add_displace, _add_terrain, _add_info, _add_cut, _add_tiles),
+        *(_add_foliage, _add_imposter, _add_render, _add_view, _add_demo),
     )
     for add in adds:
         add(commands)

@@ -112,8 +112,8 @@ def heightfield(
         raise DtypeError(f"heights: expected integers or floating-point numbers, not {array.dtype}")
     if array.ndim != 2 or min(array.shape) < 2:
         raise ArgumentError(f"heights: expected (H, W), 2 or more of each, found shape {array.shape}")
-    steps = np.broadcast_to(np.asarray(spacing, np.float64), (2,)) if np.ndim(spacing) < 2 else np.zeros(0)
-    if steps.shape != (2,) or not (np.isfinite(steps).all() and (steps > 0.0).all()):
+    steps = np.resize(np.asarray(spacing, np.float64), 2)
+    if np.shape(spacing) not in ((), (2,)) or not (np.isfinite(steps).all() and (steps > 0.0).all()):
         raise ArgumentError(f"spacing: expected one or two numbers above 0, not {spacing!r}")
     if not _checks.not_negative(tolerance, "tolerance") > 0.0:
         raise ArgumentError(f"tolerance: must be above 0, not {tolerance}")
@@ -126,6 +126,8 @@ def heightfield(
     rows, columns = array.shape
     parts: list[dict[str, Any]] = []
     lost = 0
+    # So that what is stated, rounded up, meets the tolerance.
+    aim = float(tolerance) * (1.0 - 1e-9)
     pieces = list(_pieces(rows, columns, piece - 1))
     for number, (top, bottom, left, right) in enumerate(pieces):
         part, roles, alone = _read(array, (top, bottom, left, right), nodata)
@@ -136,7 +138,7 @@ def heightfield(
         if most is not None:
             made_so_far = sum(len(p["triangles"]) for p in parts)
             room = max((most - made_so_far) // (len(pieces) - number), 2)
-        made = _core.heightfield(part, roles, tolerance=float(tolerance), max_triangles=room, fit=fit)
+        made = _core.heightfield(part, roles, tolerance=aim, max_triangles=room, fit=fit)
         made["places"] = made["places"].astype(np.int64)[:, ::-1] + (top, left)
         parts.append(made)
     if not any(len(made["triangles"]) for made in parts):

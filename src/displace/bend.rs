@@ -34,7 +34,8 @@ pub(super) fn least_length(vectors: &[DVec3]) -> f64 {
 /// How far the direction N/|N| of a linear function N is from the linear function through the directions nᵢ of its corners.
 ///
 /// With rᵢ = |Nᵢ| it is Σ λᵢ nᵢ (rᵢ − |N|)/|N| ≤ (|Σ λᵢ rᵢ − |N|| + max |rᵢ − |N|| · max |nᵢ − nⱼ|)/|N|. The second derivative
-/// of |N| along d is |d|²/|N| at most, so that its interpolation is off by ½ Σ λᵢ λⱼ |Nᵢ − Nⱼ|²/|N|.
+/// of |N| along d is |d|²/|N| at most, so that its interpolation is off by ½ Σ λᵢ λⱼ |Nᵢ − Nⱼ|²/|N|. |N| is convex, and lies
+/// between its least and max rᵢ; it differs from rᵢ by no more than max |Nᵢ − Nⱼ|.
 pub(super) fn direction_bend(vectors: &[DVec3]) -> f64 {
     let n = vectors.len();
     let step = most_of_pairs(n, |i, j| vectors[i].distance(vectors[j]));
@@ -46,8 +47,9 @@ pub(super) fn direction_bend(vectors: &[DVec3]) -> f64 {
         return OPPOSITE;
     }
     let turn = most_of_pairs(n, |i, j| unit(vectors[i]).distance(unit(vectors[j])));
-    let sag = 0.5 * pairs(n) * step * step / least;
-    ((sag + step * turn) / least).min(OPPOSITE)
+    let range = vectors.iter().map(|v| v.length()).fold(0.0, f64::max) - least;
+    let sag = (0.5 * pairs(n) * step * step / least).min(range);
+    ((sag + step.min(range) * turn) / least).min(OPPOSITE)
 }
 
 /// How far the direction of a function is from the linear one through its corners' directions, where the function is within

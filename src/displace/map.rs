@@ -17,6 +17,9 @@ const COARSE_ROWS: i64 = 16;
 /// A footprint of more than this many maps is bounded by the smallest and largest texel.
 const MOST_REPEATS: f64 = 8.0;
 
+/// Rows of a map from (u, v, 1) with v up.
+const UPRIGHT: [[f64; 3]; 2] = [[1.0, 0.0, 0.0], [0.0, -1.0, 1.0]];
+
 /// The row or column of a map of n that stands at k.
 fn wrapped(wrap: Wrap, k: i64, n: usize) -> usize {
     let n = n as i64;
@@ -205,6 +208,12 @@ impl<'a> HeightMap<'a> {
     pub(super) fn place(&self, [u, v]: [f64; 2]) -> [f64; 2] {
         let at = |row: [f64; 3], n: usize| (row[0] * u + row[1] * v + row[2]) * n as f64 - 0.5;
         [at(self.rows[0], self.width), at(self.rows[1], self.height)]
+    }
+
+    /// How many whole maps lie below (u, v), where that makes no difference.
+    pub(super) fn whole(&self, uv: [f64; 2]) -> [f64; 2] {
+        let upright = self.rows == UPRIGHT;
+        [0, 1].map(|k| if upright && self.wrap[k] == Wrap::Repeat { uv[k].floor() } else { 0.0 })
     }
 
     fn texel(&self, x: i64, y: i64) -> DVec3 {

@@ -13,6 +13,8 @@ use crate::error::{Error, Result};
 
 /// Bisections of a source triangle; places are then multiples of 2⁻⁴⁴, exact in double precision.
 const MOST_BISECTIONS: u8 = 44;
+/// This part of the triangles that are allowed may stay unused.
+const ROOM_LEFT: usize = 100;
 /// Which vertices and edges there are none of.
 const NONE: u32 = u32::MAX;
 
@@ -221,7 +223,8 @@ pub(super) fn refine(source: &Source<'_>, tolerance: f64, most: usize, check: Ch
                 piece.off > tolerance && piece.depth < MOST_BISECTIONS
             })
             .collect();
-        if chosen.is_empty() {
+        // What a few more would help is not worth finding them.
+        if chosen.is_empty() || mesh.pieces.len() >= most - most / ROOM_LEFT {
             break;
         }
         let (mut marked, mut added) = mesh.mark(&chosen);

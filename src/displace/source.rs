@@ -7,6 +7,8 @@
 //! Σ bᵢ Dᵢ of its vertices, and of each edge what is left of its difference, R, as (1 − b_k) R(t), with t the place on the edge
 //! that the line from the vertex k across points to. Both agree on the sides, which is why no crack is left.
 //!
+//! Under a map that repeats, sides that are whole maps apart are not different.
+//!
 //! (1 − b_k) R(t) is linear along lines through k, and the perspective image of R: where R is within ρ of linear, it is
 //! within (1 − b_k) ρ.
 
@@ -32,6 +34,11 @@ impl Wedge {
         let [x, y, z] = self.normal.to_array();
         // Adding 0 makes −0 and 0 the same.
         [self.uv[0], self.uv[1], x, y, z].map(|v| (v + 0.0).to_bits())
+    }
+
+    /// The same at other texture coordinates.
+    fn moved(&self, by: [f64; 2]) -> Self {
+        Self { uv: [self.uv[0] - by[0], self.uv[1] - by[1]], normal: self.normal }
     }
 
     fn between(a: &Self, b: &Self, t: f64) -> Self {
@@ -98,34 +105,39 @@ impl<'a> Source<'a> {
     fn find_tears(&mut self) {
         let mut corners: Vec<Vec<Wedge>> = vec![Vec::new(); self.points.len()];
         let mut edges: FxHashMap<[u32; 2], Seam> = FxHashMap::default();
+        let mut raw: FxHashMap<u32, [u64; 5]> = FxHashMap::default();
+        let mut several = vec![false; self.points.len()];
         for face in &self.faces {
             for k in 0..3 {
-                let at = &mut corners[face.points[k] as usize];
-                if !at.iter().any(|w| w.key() == face.wedges[k].key()) {
-                    at.push(face.wedges[k]);
+                let (point, wedge) = (face.points[k], face.wedges[k]);
+                several[point as usize] |= *raw.entry(point).or_insert(wedge.key()) != wedge.key();
+                let key = |w: &Wedge| w.moved(self.map.whole(w.uv)).key();
+                let at = &mut corners[point as usize];
+                if !at.iter().any(|w| key(w) == key(&wedge)) {
+                    at.push(wedge);
                 }
             }
         }
-        let is_torn = |p: u32| corners[p as usize].len() > 1;
         for face in &self.faces {
             for k in 0..3 {
                 let (a, b) = ((k + 1) % 3, (k + 2) % 3);
-                if !is_torn(face.points[a]) && !is_torn(face.points[b]) {
+                if !several[face.points[a] as usize] && !several[face.points[b] as usize] {
                     continue;
                 }
                 let (a, b) = if face.points[a] < face.points[b] { (a, b) } else { (b, a) };
                 let side = [face.wedges[a], face.wedges[b]];
+                // Sides that are whole maps apart are the same.
+                let key = |s: &[Wedge; 2]| s.map(|w| w.moved(self.map.whole(s[0].uv)).key());
                 let seam = edges.entry([face.points[a], face.points[b]]).or_default();
-                if !seam.iter().any(|s| s[0].key() == side[0].key() && s[1].key() == side[1].key()) {
+                if !seam.iter().any(|s| key(s) == key(&side)) {
                     seam.push(side);
                 }
             }
         }
         edges.retain(|_, sides| sides.len() > 1);
-        self.torn = (0..self.points.len() as u32)
-            .filter(|p| is_torn(*p))
-            .map(|p| (p, self.mean(&corners[p as usize])))
-            .collect();
+        let ends = edges.keys().flatten().copied();
+        let torn = (0..self.points.len() as u32).filter(|p| corners[*p as usize].len() > 1);
+        self.torn = torn.chain(ends).map(|p| (p, self.mean(&corners[p as usize]))).collect();
         self.seams = edges;
     }
 
@@ -262,6 +274,27 @@ impl<'a> Source<'a> {
         product_bend(&heights, &sums.map(unit), off, direction_bend_near(&sums, bend))
     }
 
+    /// How far the mean of the sides of a torn edge is from what the face says there, from linear, between two places.
+    ///
+    /// Where all sides have the same normals, only heights differ, and their difference goes along the normal.
+    fn difference_bend(&self, sides: &Seam, own: [Wedge; 2], [t0, t1]: [f64; 2]) -> f64 {
+        let ends = [t0, t1].map(|t| Wedge::between(&own[0], &own[1], t));
+        let same = sides.iter().all(|s| s[0].normal == own[0].normal && s[1].normal == own[1].normal);
+        if self.vectors || !same {
+            return self.own_bend(&ends, f64::INFINITY) + self.mean_bend(sides, [t0, t1]);
+        }
+        let count = sides.len() as f64;
+        let mut off = self.height_bend(&ends, f64::INFINITY);
+        let mut heights = ends.map(|end| -self.height(&end).x);
+        for side in sides {
+            let ends = [t0, t1].map(|t| Wedge::between(&side[0], &side[1], t));
+            off += self.height_bend(&ends, f64::INFINITY) / count;
+            (0..2).for_each(|k| heights[k] += self.height(&ends[k]).x / count);
+        }
+        let normals = ends.map(|end| end.normal);
+        product_bend(&heights, &normals.map(unit), off, direction_bend(&normals))
+    }
+
     /// How far what is blended from torn edges is from linear over a part of a face.
     pub(super) fn tear_bend(&self, face: &Face, places: &[Place; 3]) -> f64 {
         let mut out = 0.0;
@@ -279,8 +312,7 @@ impl<'a> Source<'a> {
                 }
             }
             if t0 < t1 {
-                let own = [t0, t1].map(|t| Wedge::between(&face.wedges[a], &face.wedges[b], t));
-                let off = self.own_bend(&own, f64::INFINITY) + self.mean_bend(sides, [t0, t1]);
+                let off = self.difference_bend(sides, [face.wedges[a], face.wedges[b]], [t0, t1]);
                 // Of three corners each may be off by it, and what lies between.
                 out += 2.0 * weight * off;
             }

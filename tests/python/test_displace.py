@@ -156,18 +156,14 @@ SURFACES = {
 def test_no_point_of_the_exact_surface_is_farther_than_the_bound(name):
     (v, f, uv), texels, wrap = SURFACES[name]
     normals = corner_normals(v, f)
-    if name.startswith("torus"):
-        # The map repeats, so that it goes on over the seam; the core cannot know, and states a tear of nothing.
-        shown = nrs.displace(
-            v, f, uvs=uv, normals=normals, height=texels, scale=0.1, tolerance=3e-3, midlevel=0.2
-        )
-        assert shown.tear < 0.02
     made = nrs.displace(
         v, f, uvs=uv, normals=normals, height=texels, scale=0.1, tolerance=3e-3, midlevel=0.2, wrap=wrap
     )
     points = exact(v, f, uv, normals, texels, 0.1, 0.2, wrap, steps=64 if len(f) < 100 else 16)
     off = farthest(points, made)
     assert off <= made.error <= 3e-3
+    # The map of the torus goes on over the seam.
+    assert made.tear == 0.0
     # The bound is not far above what is there, where there is something.
     assert off > 0.2 * made.error or made.error < 1e-9
     assert_no_crack(made, v, f)
@@ -191,7 +187,7 @@ def test_flat_parts_stay_coarse():
     inside = 0.1 + 0.8 * uv
     made = nrs.displace(v, f, uvs=inside, height=ramp, tolerance=1e-6)
     assert len(made) == 2
-    assert made.error < 1e-10
+    assert made.error < 1e-9
 
 
 def uniform(v, f, uv, texels, scale, count):
@@ -354,9 +350,11 @@ def test_errors_of_cuts_include_the_bound(tmp_path):
     assert mesh.check() is not None
     points = exact(v, f, uv, np.tile([0.0, 0.0, 1.0], (len(v), 1)), WAVES, 0.1, 0, "clamp", 64)
     mesh.save(tmp_path / "waves.nanite")
+    assert made.error <= mesh.cut(error=0).error < made.error + 1e-6
+    # A file rounds positions, too.
     for one in (mesh, nrs.NaniteMesh.open(tmp_path / "waves.nanite")):
         full = one.cut(error=0)
-        assert made.error <= full.error < made.error + 1e-6
+        assert made.error <= full.error < 2 * made.error
         coarse = one.cut(error=5e-3)
         assert len(coarse) < len(full)
         assert coarse.error <= 5e-3
