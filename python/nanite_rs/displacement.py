@@ -108,7 +108,7 @@ def _texels(height: Texture | Image | ArrayLike | str | os.PathLike[str]) -> NDA
     if isinstance(height, Texture):
         array = height.image.pixels
     else:
-        array = Image._of(height).pixels if picture else np.asarray(height)  # type: ignore[arg-type]
+        array = Image._of(height).pixels if picture else np.asarray(height)
     if array.dtype == np.float16:
         array = array.astype(np.float32)
     if not isinstance(height, np.ndarray) and not picture and array.dtype.kind in "iu":
