@@ -320,3 +320,31 @@ def test_warnings_are_a_line_and_name_no_code(tmp_path):
     for line in (plain.stderr + shown.stderr + single.stderr).splitlines():
         assert "Warning" not in line
         assert ".py:" not in line
+
+
+def test_displace_and_terrain_build_what_they_say(tmp_path, capsys):
+    quad = trimesh.Trimesh(
+        [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]], process=False
+    )
+    quad.visual = trimesh.visual.TextureVisuals(uv=[[0, 0], [1, 0], [1, 1], [0, 1]])
+    quad.export(tmp_path / "wall.glb")
+    y, x = np.mgrid[:32, :32] / 32
+    waves = np.sin(6 * x) * np.cos(5 * y)
+    Image.fromarray((255 * np.abs(waves)).astype(np.uint8)).save(tmp_path / "waves.png")
+    wall = [str(tmp_path / "wall.glb"), str(tmp_path / "waves.png"), "--scale", "0.1", "--tolerance", "0.002"]
+    output = str(tmp_path / "wall.nanite")
+    assert cli.main(["displace", *wall, "-o", output]) == 0
+    assert "off by" in capsys.readouterr().out
+    made = nrs.NaniteMesh.open(output)
+    assert len(made) > 20
+    assert made.cut(error=0).error < 0.003
+    np.save(tmp_path / "waves.npy", 100 * waves)
+    output = str(tmp_path / "hills.nanite")
+    assert cli.main(["terrain", str(tmp_path / "waves.npy"), "-o", output, "--tolerance", "2"]) == 0
+    assert "32 x 32 posts" in capsys.readouterr().out
+    assert 10 < len(nrs.NaniteMesh.open(output)) < 2 * 31 * 31
+    np.arange(10, dtype=">i2").tofile(tmp_path / "odd.hgt")
+    assert cli.main(["terrain", str(tmp_path / "odd.hgt"), "-o", output, "--tolerance", "2"]) != 0
+    assert "no square" in capsys.readouterr().err
+    assert cli.main(["displace", *wall, "-o", str(tmp_path / "wall.obj")]) != 0
+    assert "must end in .nanite" in capsys.readouterr().err
