@@ -106,7 +106,7 @@ def meshes() -> dict[str, tuple[np.ndarray, np.ndarray]]:
         if path is None or "Vase" in name:
             continue
         textures = None if given is None else {given[0]: path.parents[1] / "Textures" / given[1]}
-        made = nrs.foliage.to_geometry(path, textures=textures, tolerance=1.0)
+        made = nrs.foliage.to_geometry(path, textures=textures, tolerance=4.0)
         out[name.split("/")[0]] = made.vertices, made.faces
     return {name: welded(*arrays) for name, arrays in out.items()}
 
