@@ -292,6 +292,21 @@ def test_scenes_show_what_is_visible() -> None:
     assert np.allclose(green.layer("base_color")[..., :3], (0, 255, 0))
 
 
+def test_a_posed_body_is_baked_as_it_stands() -> None:
+    vertices, faces = nrs.shapes.icosphere(faces=5_000)
+    upper = np.clip(0.5 + vertices[:, 2], 0, 1)
+    channels = {"weights": np.stack([1 - upper, upper], axis=1)}
+    body = nrs.SkinnedMesh(nrs.NaniteMesh.from_arrays(vertices, faces, channels=channels))
+    raised = np.eye(4)
+    raised[2, 3] = 3.0
+    body.pose([np.eye(4), raised])
+    imposter = nrs.bake_imposter(body, views=3, size=64)
+    cut = body.cut(error=0.0)
+    solid = nrs.bake_imposter(nrs.TriangleMesh(cut.vertices, cut.faces), views=3, size=64)
+    assert imposter.radius >= solid.radius * 0.999
+    assert np.allclose(areas(imposter), areas(solid), rtol=0.02)
+
+
 def test_units_and_place_do_not_matter(bumpy, baked) -> None:
     vertices, faces = bumpy
     look = replace(RED, smooth=False)

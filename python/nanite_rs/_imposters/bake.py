@@ -52,7 +52,9 @@ def sphere(nodes: Sequence[MeshNode]) -> tuple[NDArray[np.float64], float]:
     for node in nodes:
         if isinstance(node.mesh, Points | Lines):
             raise ArgumentError(f"mesh: imposters are of surfaces, not of {type(node.mesh).__name__}")
-        at = _posed(corners.setdefault(id(node.mesh), _points(node.mesh)), node)
+        if id(node.mesh) not in corners:
+            corners[id(node.mesh)] = _points(node.mesh)
+        at = _posed(corners[id(node.mesh)], node)
         low, high = np.minimum(low, at.min(axis=0)), np.maximum(high, at.max(axis=0))
     center = low / 2.0 + high / 2.0
     with np.errstate(over="ignore"):
