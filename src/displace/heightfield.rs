@@ -376,7 +376,7 @@ pub fn heightfield(
         if made.versions.len() >= most {
             break;
         }
-        if made.places.len() % 256 == 0 && !check() {
+        if made.places.len().is_multiple_of(256) && !check() {
             return Err(Error::Cancelled);
         }
         let post = post as usize;

@@ -51,6 +51,8 @@ fn wrap(number: u8) -> Wrap {
 
 /// Displaces a mesh. Texels are (H, W) or (H, W, 3).
 #[pyfunction]
+// They have names in Python.
+#[allow(clippy::too_many_arguments)]
 #[pyo3(signature = (arrays, texels, *, wraps, rows, scale, midlevel, tolerance, max_triangles))]
 pub(super) fn displace<'py>(
     py: Python<'py>,
