@@ -13,7 +13,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from scipy.ndimage import binary_dilation, binary_erosion
 
 import nanite_rs as nrs
 
@@ -21,7 +20,8 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests" / "python"))
 
 from oracles import cards, data  # noqa: E402
-from test_leaf_cards import REAL, views  # noqa: E402
+from oracles.camera import spread  # noqa: E402
+from test_leaf_cards import REAL, outlines_within_a_pixel  # noqa: E402
 
 SIZES = (1000, 256, 64, 32, 16, 8)
 WHITE = nrs.Material(base_color=(1, 1, 1), unlit=True)
@@ -88,19 +88,12 @@ class Views:
         lens = nrs.OrthographicCamera(0.55 * self.size, 0.55 * self.size, znear=0.01 * self.size)
         out = []
         with nrs.Renderer(pixels, pixels, backend="cpu") as renderer:
-            for direction in views(24):
+            for direction in spread(24):
                 eye = self.center + 2 * self.size * direction
                 pose = nrs.look_at(eye, self.center, (0.1, 1.0, 0.2))
                 frame = renderer.render(scene, lens, pose, pixel_error=pixel_error, samples=samples)
                 out.append(frame.linear[..., 0])
         return out
-
-
-def outlines(one: np.ndarray, other: np.ndarray) -> float:
-    edges = [image & ~binary_erosion(image) for image in (one, other)]
-    near = [binary_dilation(edge, np.ones((3, 3))) for edge in edges]
-    met = (edges[0] & near[1]).sum() + (edges[1] & near[0]).sum()
-    return met / (edges[0].sum() + edges[1].sum())
 
 
 def coverage(name: str, make) -> nrs.NaniteMesh:
@@ -118,7 +111,7 @@ def coverage(name: str, make) -> nrs.NaniteMesh:
     shots = Views(tree._source.vertices[np.unique(tree._source.faces)])
     exact = shots.pictures(nrs.TriangleMesh(**source), source["materials"], 1000, 0.0, 1)
     whole = shots.pictures(nrs.TriangleMesh(**drawn(tree.arrays())), tree.materials, 1000, 0.0, 1)
-    parts = [outlines(a > 0.5, b > 0.5) for a, b in zip(exact, whole, strict=True)]
+    parts = [outlines_within_a_pixel(a > 0.5, b > 0.5) for a, b in zip(exact, whole, strict=True)]
     ratios = [b.mean() / a.mean() for a, b in zip(exact, whole, strict=True)]
     print(
         f"full detail, 1000 px: coverage {min(ratios) - 1:+.2%} to {max(ratios) - 1:+.2%}, "

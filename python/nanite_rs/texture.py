@@ -228,6 +228,16 @@ def _pair(value: object, name: str) -> tuple[float, float]:
     return float(array[0]), float(array[1])
 
 
+def wrapped(at: NDArray[np.int64], count: int, way: str) -> NDArray[np.int64]:
+    """Return which of ``count`` texels of a row are seen at places outside, too."""
+    if way == "clamp":
+        return np.clip(at, 0, count - 1)
+    if way == "repeat":
+        return at % count
+    twice = at % (2 * count)
+    return np.minimum(twice, 2 * count - 1 - twice)
+
+
 @_advice.teaching
 @dataclass(frozen=True)
 class Texture:

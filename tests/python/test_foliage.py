@@ -15,13 +15,6 @@ from oracles import camera, data, distance
 ERRORS = ("quadric", "bound")
 
 
-def views(count: int = 12) -> np.ndarray:
-    """Directions spread evenly over half a sphere."""
-    k = np.arange(count) + 0.5
-    y, turn = 1 - k / count, k * np.pi * (3 - np.sqrt(5))
-    return np.stack([np.sqrt(1 - y * y) * np.cos(turn), y, np.sqrt(1 - y * y) * np.sin(turn)], axis=1)
-
-
 def coverage(vertices: np.ndarray, faces: np.ndarray, center: np.ndarray, diagonal: float) -> np.ndarray:
     """Pixels that a surface covers, seen from both sides, in parallel projections from several directions."""
     both = np.concatenate([faces, faces[:, ::-1]])
@@ -30,7 +23,7 @@ def coverage(vertices: np.ndarray, faces: np.ndarray, center: np.ndarray, diagon
     scene.add(nrs.NaniteMesh.from_arrays(vertices, both, options=options, progress=False))
     renderer = nrs.Renderer(256, 256)
     lens = nrs.OrthographicCamera(xmag=0.6 * diagonal, ymag=0.6 * diagonal, znear=0.01 * diagonal)
-    poses = [camera.look_at(center + 2 * diagonal * d, center, (0.1, 1.0, 0.2)) for d in views()]
+    poses = [camera.look_at(center + 2 * diagonal * d, center, (0.1, 1.0, 0.2)) for d in camera.spread(12)]
     depths = [renderer.render(scene, lens, pose=pose, pixel_error=0.0).depth for pose in poses]
     return np.array([(depth > 0).sum() for depth in depths], float)
 

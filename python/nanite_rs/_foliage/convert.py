@@ -108,7 +108,9 @@ def _leaves(
     # Beyond what is seen by as much as sides may move, so that the edge of the window is nowhere seen.
     margin = math.ceil(2.0 * (tolerance if triangles is None else masks.MOST_TOLERANCE)) + 2
     contours = masks.traced(mask, corners.min(axis=0), corners.max(axis=0), margin)
-    outlines = masks.simplified(shown.seen(contours), tolerance, triangles)
+    outlines = masks.simplified(
+        masks.Contours(shown.seen(contours.polygons), contours.off), tolerance, triangles
+    )
     return cards.lifted(shown, faces, points, texels, outlines), outlines
 
 

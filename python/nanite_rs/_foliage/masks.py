@@ -16,6 +16,7 @@ import numpy as np
 
 from nanite_rs import _advice, _colors
 from nanite_rs.exceptions import ArgumentError
+from nanite_rs.texture import wrapped
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -31,6 +32,10 @@ _STEP: Final = 0.25
 """Texels between the samples at which outlines are compared."""
 _BLOCKY: Final = 1e-3
 """Half the width, in texels, of the step between two texels of an image that is not filtered."""
+_CHORD: Final = 0.03
+"""Texels by which a side may be off the curve that it stands for."""
+_STRAIGHT: Final = 1e-9
+"""The twist of alpha, of 1, below which its contours are straight between four texels."""
 _MITRE: Final = 5.0
 """How far corners may go beyond their sides' offset, times that."""
 
@@ -116,18 +121,17 @@ def alpha_of(image: Image) -> NDArray[np.float32] | None:
     return np.asarray(pixels[..., -1] / _colors.white(pixels.dtype), np.float32)
 
 
-def wrapped(at: NDArray[np.int64], count: int, way: str) -> NDArray[np.int64]:
-    """Return which of ``count`` texels of a row are seen at places outside, too."""
-    if way == "clamp":
-        return np.clip(at, 0, count - 1)
-    if way == "repeat":
-        return at % count
-    twice = at % (2 * count)
-    return np.minimum(twice, 2 * count - 1 - twice)
+@dataclass(frozen=True)
+class Contours:
+    """Where alpha crosses the cutoff, as polygons with sides that are nearly as it is."""
+
+    polygons: NDArray[Any]
+    off: float
+    """Texels, a bound: how far a side is from the curve that it stands for."""
 
 
-def traced(mask: Mask, low: NDArray[np.float64], high: NDArray[np.float64], margin: int) -> NDArray[Any]:
-    """Return polygons around all that a mask has between two corners, in texels, and ``margin`` beyond."""
+def traced(mask: Mask, low: NDArray[np.float64], high: NDArray[np.float64], margin: int) -> Contours:
+    """Return the outlines of all that a mask has between two corners, in texels, and ``margin`` beyond."""
     shapely, contourpy = libraries()
     first = np.floor(low).astype(np.int64) - margin
     last = np.ceil(high).astype(np.int64) + margin
@@ -139,22 +143,82 @@ def traced(mask: Mask, low: NDArray[np.float64], high: NDArray[np.float64], marg
         )
     alpha = mask.window(first, last).astype(np.float64)
     x, y = (np.arange(first[axis], last[axis]) + 0.5 for axis in (0, 1))
+    off = 0.0
     if not mask.linear:
         alpha = alpha.repeat(2, axis=0).repeat(2, axis=1)
         edge = np.array([-0.5 + _BLOCKY, 0.5 - _BLOCKY])
         x, y = ((at[:, None] + edge).reshape(-1) for at in (x, y))
+        off = 2.0 * _BLOCKY
     contours = contourpy.contour_generator(x, y, alpha, fill_type=contourpy.FillType.OuterOffset)
     found = []
     for points, offsets in zip(*contours.filled(mask.cutoff, 2.0), strict=True):
-        rings = [
-            points[a:b] for a, b in pairwise(offsets.tolist()) if len(np.unique(points[a:b], axis=0)) > 2
-        ]
+        rings = []
+        for a, b in pairwise(offsets.tolist()):
+            ring = points[a:b]
+            if mask.linear:
+                ring, bent = _bent(ring, alpha, first + 0.5, mask.cutoff)
+                off = max(off, bent)
+            if len(np.unique(ring, axis=0)) > 2:
+                rings.append(ring)
         if rings:
             found.append(shapely.Polygon(rings[0], rings[1:]))
-    return _parts(shapely.make_valid(np.array(found, object))) if found else np.zeros(0, object)
+    if not found:
+        return Contours(np.zeros(0, object), off)
+    return Contours(_parts(shapely.make_valid(np.array(found, object))), off)
 
 
-def simplified(polygons: NDArray[Any], tolerance: float, triangles: float | None = None) -> Outlines:
+def _bent(
+    ring: NDArray[np.float64], alpha: NDArray[np.float64], origin: NDArray[np.floating[Any]], level: float
+) -> tuple[NDArray[np.float64], float]:
+    """Put points on a ring where its sides are farther from the curve of bilinear alpha than `_CHORD`.
+
+    Between four centres alpha is a + b x + c y + d x y. Its contours are hyperbolas X Y = k around a middle, which
+    a side meets at its ends. The arc is farthest from the side where both are parallel: there its distances from
+    the middle are the geometric means of those of the ends. Where the ends are on different branches, which happens
+    when all but nothing lies between these, the side leads through the middle. Returns a bound of how far any side
+    is off, too.
+    """
+    cells = np.array(alpha.shape)[::-1] - 2
+    while True:
+        one, two = ring[:-1] - origin, ring[1:] - origin
+        cell = np.clip(np.floor((one + two) / 2.0).astype(np.int64), 0, cells)
+        column, row = cell.T
+        a = alpha[row, column]
+        b, c = alpha[row, column + 1] - a, alpha[row + 1, column] - a
+        d = alpha[row + 1, column + 1] - a - b - c
+        curved = (np.abs(d) > _STRAIGHT) & (one != two).all(axis=1)
+        d = np.where(curved, d, 1.0)
+        middle = -np.stack([c, b], axis=1) / d[:, None]
+        ends = one - cell - middle, two - cell - middle
+        product = ends[0] * ends[1]
+        crossed = curved & (product < -_STRAIGHT).any(axis=1)
+        top = np.sign(ends[0] + ends[1]) * np.sqrt(np.maximum(product, 0.0))
+        top[crossed] = 0.0
+        off = np.where(curved, _beside(top, *ends), 0.0)
+        more = (off > _CHORD) | crossed
+        if not more.any():
+            break
+        ring = np.insert(ring, np.flatnonzero(more) + 1, (top + middle + cell + origin)[more], axis=0)
+    # Sides that lead to a middle, against the arc up to its vertex.
+    nearest = np.minimum(np.abs(ends[0]).max(axis=1), np.abs(ends[1]).max(axis=1))
+    through = curved & (nearest < math.sqrt(_STRAIGHT))
+    vertex = np.sqrt(np.abs((level - a + b * c / d) / d))[:, None] * np.ones(2)
+    end = np.maximum(np.abs(ends[0]), np.abs(ends[1]))
+    bound = _beside(np.sqrt(end * vertex), end, vertex) + np.hypot(*vertex.T)
+    return ring, float(np.where(through, bound, off).max(initial=0.0))
+
+
+def _beside(
+    points: NDArray[np.float64], one: NDArray[np.float64], two: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return how far points (N, 2) are from the lines through two others each; 0 where these are one."""
+    (ax, ay), (px, py) = (two - one).T, (points - one).T
+    length = np.hypot(ax, ay)
+    away = np.abs(ax * py - ay * px)
+    return np.asarray(np.divide(away, length, out=np.zeros_like(length), where=length > 0.0))
+
+
+def simplified(contours: Contours, tolerance: float, triangles: float | None = None) -> Outlines:
     """Return outlines of fewer sides, about the same area, and how far they are off.
 
     Sides are those of Douglas and Peucker (1973), no farther than ``tolerance`` texels from what they stand for.
@@ -162,6 +226,7 @@ def simplified(polygons: NDArray[Any], tolerance: float, triangles: float | None
     measured. Where ``triangles`` are given, the tolerance grows until parts have as many in the mean.
     """
     shapely, _ = libraries()
+    polygons = contours.polygons
     area = float(shapely.area(polygons).sum())
     while True:
         exact, dropped = _without_small(polygons, tolerance)
@@ -171,7 +236,8 @@ def simplified(polygons: NDArray[Any], tolerance: float, triangles: float | None
             break
         tolerance = min(max(tolerance, _STEP) * 1.25, MOST_TOLERANCE)
     kept = float(shapely.area(simple).sum())
-    return Outlines(simple, _deviation(exact, simple), area, kept, tolerance, dropped)
+    off = _deviation(exact, simple) + contours.off
+    return Outlines(simple, off, area, kept, tolerance, dropped)
 
 
 def _without_small(polygons: NDArray[Any], tolerance: float) -> tuple[NDArray[Any], int]:

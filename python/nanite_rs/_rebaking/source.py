@@ -10,6 +10,7 @@ import numpy as np
 from nanite_rs import _colors, _core
 from nanite_rs._export_parts import textures
 from nanite_rs._export_textures import halved
+from nanite_rs.texture import wrapped
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -183,9 +184,9 @@ def sample(
     table = _colors.from_srgb(np.arange(int(white) + 1) / white).astype(np.float32) if srgb else None
     total = np.zeros((len(places), count), np.float32)
     for dy in (0, 1) if linear else (0,):
-        row = _wrapped(base[:, 1] + dy, height, ways[1])
+        row = wrapped(base[:, 1] + dy, height, ways[1])
         for dx in (0, 1) if linear else (0,):
-            column = _wrapped(base[:, 0] + dx, width, ways[0])
+            column = wrapped(base[:, 0] + dx, width, ways[0])
             own = pixels[row, column]
             values = np.empty(own.shape, np.float32)
             values[:, :light] = own[:, :light] / white if table is None else table[own[:, :light]]
@@ -196,15 +197,6 @@ def sample(
     if light != count:
         out[:, 3] = total[:, -1]
     return out
-
-
-def _wrapped(at: NDArray[np.int64], count: int, way: str) -> NDArray[np.int64]:
-    if way == "clamp":
-        return np.clip(at, 0, count - 1)
-    if way == "repeat":
-        return at % count
-    twice = at % (2 * count)
-    return np.minimum(twice, 2 * count - 1 - twice)
 
 
 def frames(

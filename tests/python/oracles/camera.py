@@ -20,6 +20,13 @@ def look_at(
     return pose
 
 
+def spread(count: int) -> np.ndarray:
+    """Directions spread evenly over the upper half of a sphere, (count, 3)."""
+    k = np.arange(count) + 0.5
+    y, turn = 1 - k / count, k * np.pi * (3 - np.sqrt(5))
+    return np.stack([np.sqrt(1 - y * y) * np.cos(turn), y, np.sqrt(1 - y * y) * np.sin(turn)], axis=1)
+
+
 def at(x: float, y: float = 0.0, z: float = 0.0) -> np.ndarray:
     """Pose at a place, along the axes."""
     pose = np.eye(4)
