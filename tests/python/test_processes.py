@@ -104,10 +104,15 @@ def test_every_call_works_in_a_forked_child(tmp_path) -> None:
         leaf[:, :5, 3] = 0
         look = nrs.Material(alpha_mode="mask", base_color_texture=nrs.Texture(leaf))
         square = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32)
+        waves = np.sin(np.linspace(0, 20, 64))[:, None] * np.cos(np.linspace(0, 30, 64)) * 0.1
         corners, sides = np.pad(square, [(0, 0), (0, 1)]), [[0, 1, 2], [0, 2, 3]]
         card = nrs.TriangleMesh(corners, sides, uvs=square, materials=look)
         calls = {
             "leaves": lambda: digest(nrs.foliage.to_geometry(card, wind=True).build().cut(error=0).vertices),
+            "displace": lambda: digest(
+                nrs.displace(corners, sides, uvs=square, height=waves, tolerance=0.001).vertices
+            ),
+            "terrain": lambda: digest(nrs.heightfield(waves, tolerance=0.01).vertices),
             "build": lambda: digest(nrs.NaniteMesh.from_arrays(vertices, faces).cut(error=0).vertices),
             "fast": lambda: len(nrs.NaniteMesh.from_arrays(vertices, faces, options=nrs.BuildOptions(threads=3))),
             "decimate": lambda: digest(nrs.decimate(mesh.cut(error=0).to_trimesh(), 2_000).vertices),
