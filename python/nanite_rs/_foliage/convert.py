@@ -10,9 +10,9 @@ import numpy as np
 
 from nanite_rs import _colors
 from nanite_rs._asset import Source
+from nanite_rs._dilation import filled
 from nanite_rs._foliage import cards, masks, wind
 from nanite_rs._foliage.inputs import numbers
-from nanite_rs._rebaking.texels import filled
 from nanite_rs.exceptions import ArgumentError
 from nanite_rs.texture import Image
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from nanite_rs import _colors
+from nanite_rs import _colors, _dilation
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -83,42 +83,11 @@ def reduced(view: NDArray[np.float32], times: int) -> NDArray[np.float32]:
 
 
 def filled(view: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return a view whose empty texels go on as what is next to them, so that filters mix in nothing foreign.
-
-    Two rings take means of covered neighbours. What lies further off takes the mean of the smallest block of a
-    power of two that covers anything (push and pull; Gortler et al., "The Lumigraph", SIGGRAPH 1996). Alpha stays.
-    """
-    out = view.copy()
-    known = view[..., ALPHA] > 0.0
-    for _ in range(_RINGS):
-        out, known = _ring(out, known)
-    out[..., ALPHA] = known
-    levels = [out]
-    while len(levels[-1]) > 1:
-        levels.append(reduced(levels[-1], 2))
-    for fine, coarse in zip(levels[-2::-1], levels[:0:-1], strict=True):
-        empty = fine[..., ALPHA] == 0.0
-        fine[empty] = coarse.repeat(2, axis=0).repeat(2, axis=1)[empty]
+    """Return a view whose empty texels go on as what is next to them; alpha stays."""
+    out = _dilation.filled(view, view[..., ALPHA] > 0.0, _RINGS)
+    out[..., NORMAL] = unit(out[..., NORMAL].astype(np.float64))
     out[..., ALPHA] = view[..., ALPHA]
     return out
-
-
-def _ring(
-    view: NDArray[np.float32], known: NDArray[np.bool_]
-) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Give a mean of their known neighbours to all texels that are next to one."""
-    size = len(view)
-    values = np.pad(view * known[..., None], ((1, 1), (1, 1), (0, 0)))
-    counts = np.pad(known.astype(np.float32), 1)
-    total, count = np.zeros_like(view), np.zeros((size, size), np.float32)
-    for y, x in np.ndindex(3, 3):
-        total += values[y : y + size, x : x + size]
-        count += counts[y : y + size, x : x + size]
-    new = (count > 0.0) & ~known
-    out = view.copy()
-    out[new] = total[new] / count[new][:, None]
-    out[new, NORMAL] = unit(out[new, NORMAL].astype(np.float64))
-    return out, known | new
 
 
 def sampled(view: NDArray[np.float32], places: NDArray[np.float64]) -> NDArray[np.float32]:

@@ -11,6 +11,7 @@ import numpy as np
 
 from nanite_rs import _colors
 from nanite_rs._asset import TEXTURES
+from nanite_rs._dilation import filled
 from nanite_rs._export_textures import stored
 from nanite_rs._rebaking import atlas, texels
 from nanite_rs._rebaking.source import CHANNELS, COLOR, LIGHT, NORMAL, ORM, Source, dot, frames, mixed, unit
@@ -66,7 +67,7 @@ def bake(
     """
     charts, extent = atlas.pack([(part.vertices, part.faces) for part in parts], wanted, size)
     means, known = _means(parts, charts, extent, source, threads)
-    look = _look(texels.filled(means, known, atlas.PADDING), members)
+    look = _look(filled(means, known, atlas.PADDING), members)
     sides = np.array(extent, np.float64)
     atlases = [
         {
