@@ -63,7 +63,7 @@ def flattened(asset: Asset, *, by_name: bool = False) -> Source:
             part.source.face_materials = row
     elif materials == (Material(),):
         materials = ()  # nothing was said
-    out = _concatenated([part.source for part in parts], asset.notes, follow=not several)
+    out = concatenated([part.source for part in parts], asset.notes, follow=not several)
     out.materials = materials
     settle(out, asset.notes)
     return out
@@ -109,7 +109,7 @@ def _transformed(source: Source, transform: NDArray[np.float64]) -> Source:
     return source
 
 
-def _concatenated(parts: list[Source], notes: Notes, *, follow: bool) -> Source:
+def concatenated(parts: list[Source], notes: Notes, *, follow: bool) -> Source:
     """Join parts; with ``follow`` the face materials of each follow those of the part before."""
     if len(parts) == 1:
         return parts[0]

@@ -12,7 +12,7 @@ from nanite_rs import _advice, _checks, _core
 from nanite_rs._arrays import as_array
 from nanite_rs.exceptions import ArgumentError, DtypeError, UsageWarning
 from nanite_rs.mesh import NaniteMesh
-from nanite_rs.texture import Image, Texture, Wrap
+from nanite_rs.texture import Image, Texture, Wrap, both_ways
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -232,9 +232,7 @@ def displace(
         if height.filter != "linear":
             raise ArgumentError('height: a texture with filter="nearest" has steps; give filter="linear"')
         wrap, rows = height.wrap, height._rows()
-    wraps = (wrap, wrap) if isinstance(wrap, str) else tuple(wrap)
-    if len(wraps) != 2 or not set(wraps) <= set(get_args(Wrap)):
-        raise ArgumentError(f"wrap: must be repeat, mirror or clamp, or two of them, not {wrap!r}")
+    wraps = both_ways(wrap)
     of_vertices = _rows_of(uvs, "uvs", 2, count)
     directions = None if normals is None else _rows_of(normals, "normals", 3, count)
     made = _core.displace(

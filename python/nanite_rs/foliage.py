@@ -305,7 +305,6 @@ def to_geometry(
     what = roles(tree.materials, chosen, list(given), cutoff)
     axis = get_args(Up).index(up) if wind else None
     out, made = convert.converted(tree, what, tolerance=tolerance, triangles=triangles_per_leaf, wind_up=axis)
-    assert out.face_materials is not None  # noqa: S101  all parts have numbers
     return Foliage(
         out.vertices,
         out.faces,
@@ -313,7 +312,7 @@ def to_geometry(
         out.colors,
         tuple(out.uvs),
         out.channels,
-        out.face_materials,
+        np.asarray(out.face_materials, np.int32),
         out.face_channels,
         out.materials,
         _report(tree, what, out, made),

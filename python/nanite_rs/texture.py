@@ -228,6 +228,14 @@ def _pair(value: object, name: str) -> tuple[float, float]:
     return float(array[0]), float(array[1])
 
 
+def both_ways(wrap: Wrap | tuple[Wrap, Wrap]) -> tuple[Wrap, Wrap]:
+    """Return how an image goes on along u and along v."""
+    ways: tuple[Wrap, ...] = (wrap, wrap) if isinstance(wrap, str) else tuple(wrap)
+    if len(ways) != 2 or not set(ways) <= set(get_args(Wrap)):
+        raise ArgumentError(f"wrap: must be repeat, mirror or clamp, or two of them, not {wrap!r}")
+    return ways[0], ways[1]
+
+
 def wrapped(at: NDArray[np.int64], count: int, way: str) -> NDArray[np.int64]:
     """Return which of ``count`` texels of a row are seen at places outside, too."""
     if way == "clamp":
@@ -279,10 +287,7 @@ class Texture:
             object.__setattr__(self, name, value)
 
         keep("image", Image._of(self.image))
-        wrap = (self.wrap, self.wrap) if isinstance(self.wrap, str) else tuple(self.wrap)
-        if len(wrap) != 2 or not set(wrap) <= set(get_args(Wrap)):
-            raise ArgumentError(f"wrap: must be repeat, mirror or clamp, or two of them, not {self.wrap!r}")
-        keep("wrap", wrap)
+        keep("wrap", both_ways(self.wrap))
         for name, value in (("filter", self.filter), ("mipmaps", self.mipmaps or "linear")):
             if value not in get_args(Filter):
                 raise ArgumentError(f"{name}: must be linear or nearest, not {value!r}")

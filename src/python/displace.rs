@@ -10,10 +10,10 @@ use super::arrays::{FaceArray, PositionArray, into_array, into_rows, vertex_rows
 use super::calls::{interruptible, watched};
 use super::errors::{argument_error, to_python};
 use super::measure::wide;
+use super::scene::wrap;
 use crate::displace::heightfield::Posts;
 use crate::displace::{HeightMap, Input, Options, Texels};
 use crate::error::{Error, Result};
-use crate::scene::texture::Wrap;
 
 /// Numbers of an array, C-contiguous, of any type that is kept.
 #[derive(FromPyObject)]
@@ -43,10 +43,6 @@ impl TexelArray<'_> {
         };
         found.map_err(|_| Error::argument("height", "must be C-contiguous"))
     }
-}
-
-fn wrap(number: u8) -> Wrap {
-    [Wrap::Repeat, Wrap::Mirror, Wrap::Clamp][usize::from(number.min(2))]
 }
 
 /// Displaces a mesh. Texels are (H, W) or (H, W, 3).

@@ -118,12 +118,16 @@ fn material(raw: RawMaterial) -> Material {
     }
 }
 
-fn texture(raw: RawTexture) -> Texture {
-    let wrap = |way: u8| match way {
+/// The way of a number, in the order that Python has them in.
+pub(super) fn wrap(way: u8) -> Wrap {
+    match way {
         0 => Wrap::Repeat,
         1 => Wrap::Mirror,
         _ => Wrap::Clamp,
-    };
+    }
+}
+
+fn texture(raw: RawTexture) -> Texture {
     Texture {
         image: Arc::clone(&raw.image.get().inner),
         uv_set: raw.uv_set,

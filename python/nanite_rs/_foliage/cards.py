@@ -56,16 +56,18 @@ def facets(
     faces: NDArray[np.int64],
     points: NDArray[np.float64],
     texels: NDArray[np.float64],
+    ids: NDArray[np.int64],
     classes: NDArray[np.int64],
 ) -> list[NDArray[np.int64]]:
     """Return groups of triangles, as rows of ``faces``, that one affine map puts from an image into space.
 
-    ``points`` (N, 3) and ``texels`` (N, 2) are where vertices lie; triangles of different ``classes`` stay apart.
+    ``points`` (N, 3) and ``texels`` (N, 2) are where vertices lie, ``ids`` their numbers by that (`numbered`);
+    triangles of different ``classes`` stay apart.
     Triangles without area in the image are in no group.
     """
     area = _turn(texels[faces])
     used = np.flatnonzero(np.abs(area) > LEAST)
-    corner = numbered(points, texels)[faces[used]]
+    corner = ids[faces[used]]
     count = int(corner.max(initial=0)) + 1
     # An edge as one triangle has it, and as its neighbour has it.
     ahead = corner[:, [0, 1, 2]] * count + corner[:, [1, 2, 0]]
@@ -141,8 +143,7 @@ class Shown:
 def lifted(
     shown: Shown,
     faces: NDArray[np.int64],
-    points: NDArray[np.float64],
-    texels: NDArray[np.float64],
+    ids: NDArray[np.int64],
     outlines: Outlines,
 ) -> Lifted:
     """Cut outlines to facets, divide them into triangles, and put these where the facets lie."""
@@ -154,8 +155,7 @@ def lifted(
         if len(triangles):
             found.add(np.array(facets), places, flat, triangles, faces)
     corners, shares, triangles, rows = found.joined()
-    met = _met(numbered(points, texels), corners, shares)
-    return Lifted(corners, met, triangles, rows, len(shown.places))
+    return Lifted(corners, _met(ids, corners, shares), triangles, rows, len(shown.places))
 
 
 def folded(places: NDArray[np.float64], period: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from nanite_rs import _colors
-from nanite_rs._asset import Source
+from nanite_rs._asset import Notes, Source
 from nanite_rs._dilation import filled
+from nanite_rs._flatten import concatenated
 from nanite_rs._foliage import cards, masks, wind
 from nanite_rs._foliage.inputs import numbers
 from nanite_rs.exceptions import ArgumentError
@@ -19,7 +20,7 @@ from nanite_rs.texture import Image
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from nanite_rs._foliage.cards import Lifted
+    from nanite_rs._foliage.cards import Lifted, Shown
     from nanite_rs._foliage.masks import Mask, Outlines
     from nanite_rs._foliage.roles import Role
     from nanite_rs._foliage.wind import Moving
@@ -32,10 +33,6 @@ class Converted:
 
     material: int
     outlines: Outlines
-    before: int
-    """Triangles of its cards."""
-    after: int
-    """Triangles of its leaves."""
     cards: int
     distinct: int
     error: float
@@ -57,20 +54,22 @@ def converted(
         if role.mask is None or not len(rows):
             continue
         texels = _texels(source, looks[number], role.mask)
-        lifted, outlines = _leaves(faces, rows, points, texels, classes, role.mask, tolerance, triangles)
+        ids = cards.numbered(points, texels)
+        groups = [rows[group] for group in cards.facets(faces[rows], points, texels, ids, classes[rows])]
+        shown = cards.Shown(groups, faces, texels, role.mask.period())
+        outlines = _outlines(shown, role.mask, tolerance, triangles)
+        lifted = cards.lifted(shown, faces, ids, outlines)
         if not len(lifted.triangles):
             raise ArgumentError(
                 f"leaf_materials: {looks[number].name or number}: its cards show nothing above the cutoff"
             )
-        parts.append(_on(source, number, lifted, cards.numbered(points, texels), moving))
+        parts.append(_on(source, number, lifted, ids, moving))
         looks[number] = _solid(looks[number], role.mask)
         stretch = _stretch(points[faces[rows]], texels[faces[rows]])
         found.append(
             Converted(
                 number,
                 outlines,
-                len(rows),
-                len(lifted.triangles),
                 int(cards.islands(faces[rows], points).max()) + 1,
                 lifted.distinct,
                 outlines.deviation * stretch,
@@ -78,7 +77,9 @@ def converted(
         )
     if not found:
         raise ArgumentError("source: no face has one of the materials of leaves")
-    return replace(_together(parts), materials=tuple(looks)), found
+    # All have the same columns: nothing is missing that a note would name.
+    out = concatenated(parts, Notes(), follow=False)
+    return replace(out, materials=tuple(looks)), found
 
 
 def _texels(source: Source, look: Material, mask: Mask) -> NDArray[np.float64]:
@@ -90,28 +91,16 @@ def _texels(source: Source, look: Material, mask: Mask) -> NDArray[np.float64]:
     return np.asarray((uv @ rows[:, :2].T + rows[:, 2]) * mask.size)
 
 
-def _leaves(
-    faces: NDArray[np.int64],
-    rows: NDArray[np.int64],
-    points: NDArray[np.float64],
-    texels: NDArray[np.float64],
-    classes: NDArray[np.int64],
-    mask: Mask,
-    tolerance: float,
-    triangles: float | None,
-) -> tuple[Lifted, Outlines]:
-    groups = [rows[group] for group in cards.facets(faces[rows], points, texels, classes[rows])]
-    shown = cards.Shown(groups, faces, texels, mask.period())
+def _outlines(shown: Shown, mask: Mask, tolerance: float, triangles: float | None) -> Outlines:
+    """Return the outlines of what facets show."""
     corners = np.concatenate([np.zeros((0, 2)), *(places.reshape(-1, 2) for places in shown.places)])
     if not len(corners):
         corners = np.zeros((1, 2))  # nothing is seen, whatever is there
     # Beyond what is seen by as much as sides may move, so that the edge of the window is nowhere seen.
     margin = math.ceil(2.0 * (tolerance if triangles is None else masks.MOST_TOLERANCE)) + 2
     contours = masks.traced(mask, corners.min(axis=0), corners.max(axis=0), margin)
-    outlines = masks.simplified(
-        masks.Contours(shown.seen(contours.polygons), contours.off), tolerance, triangles
-    )
-    return cards.lifted(shown, faces, points, texels, outlines), outlines
+    seen = replace(contours, polygons=shown.seen(contours.polygons))
+    return masks.simplified(seen, tolerance, triangles)
 
 
 def _classes(source: Source) -> NDArray[np.int64]:
@@ -187,25 +176,6 @@ def _on(
         out.channels[name] = values[lifted.corners[:, 0]]
     out.face_materials = np.full(len(lifted.triangles), number, np.int32)
     out.face_channels = {name: values[lifted.faces] for name, values in source.face_channels.items()}
-    return out
-
-
-def _together(parts: list[Source]) -> Source:
-    counts = np.cumsum([0, *(len(part.vertices) for part in parts[:-1])])
-    first = parts[0]
-
-    def column(of: Any) -> Any:
-        return np.concatenate([of(part) for part in parts])
-
-    faces = [part.faces + count for part, count in zip(parts, counts, strict=True)]
-    out = Source(column(lambda part: part.vertices), np.concatenate(faces))
-    out.normals = None if first.normals is None else column(lambda part: part.normals)
-    out.colors = None if first.colors is None else column(lambda part: part.colors)
-    out.uvs = [column(lambda part, k=k: part.uvs[k]) for k in range(len(first.uvs))]
-    out.channels = {name: column(lambda part, name=name: part.channels[name]) for name in first.channels}
-    out.face_materials = column(lambda part: part.face_materials)
-    names = first.face_channels
-    out.face_channels = {name: column(lambda part, name=name: part.face_channels[name]) for name in names}
     return out
 
 

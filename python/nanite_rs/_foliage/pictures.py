@@ -10,6 +10,7 @@ import numpy as np
 from nanite_rs import _images
 from nanite_rs._preview import picture
 from nanite_rs.renderer import Renderer
+from nanite_rs.texture import both_ways, wrapped
 from nanite_rs.triangle_mesh import TriangleMesh
 
 if TYPE_CHECKING:
@@ -51,7 +52,12 @@ def of_outlines(look: Material, converted: Converted, size: int) -> NDArray[np.u
     low, high = _seen(converted)
     scale = size / max(*(high - low), 1.0)
     x, y = (np.arange(int((high[k] - low[k]) * scale)) / scale + low[k] for k in (0, 1))
-    own = rgba[np.floor(y).astype(int)[:, None] % len(rgba), np.floor(x).astype(int)[None, :] % rgba.shape[1]]
+    ways = both_ways(look.base_color_texture.wrap)
+    column, row = (
+        wrapped(np.floor(at).astype(np.int64), size, way)
+        for at, size, way in zip((x, y), rgba.shape[1::-1], ways, strict=True)
+    )
+    own = rgba[row[:, None], column[None, :]]
     check = (np.arange(len(y))[:, None] // 8 + np.arange(len(x))[None, :] // 8) % 2
     alpha = own[..., 3:] / 255.0
     base = own[..., :3] * alpha + np.array(_GREY, np.float32)[check][..., None] * (1.0 - alpha)

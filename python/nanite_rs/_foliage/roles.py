@@ -10,6 +10,7 @@ import numpy as np
 from nanite_rs._foliage.inputs import named
 from nanite_rs._foliage.masks import Mask, alpha_of
 from nanite_rs.exceptions import ArgumentError
+from nanite_rs.texture import both_ways
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -26,11 +27,14 @@ BLENDED: Final = 0.5
 class Role:
     """What a material is taken for."""
 
-    leaf: bool
     why: str
     mask: Mask | None = None
-    empty: float = 0.0
-    """Share of texels below the cutoff."""
+    """What its image shows, of leaves."""
+
+    @property
+    def leaf(self) -> bool:
+        """Whether it is one of leaves."""
+        return self.mask is not None
 
 
 def roles(
@@ -64,9 +68,9 @@ def roles(
 
 def _role(look: Material, name: str, wanted: bool, search: bool, cutoff: float | None) -> Role:
     if not wanted and not search:
-        return Role(False, "not named")
+        return Role("not named")
     if not wanted and look.alpha_mode == "opaque":
-        return Role(False, "opaque")
+        return Role("opaque")
     texture = look.base_color_texture
     alpha = None if texture is None else alpha_of(texture.image)
     if texture is None or alpha is None:
@@ -75,7 +79,7 @@ def _role(look: Material, name: str, wanted: bool, search: bool, cutoff: float |
             raise ArgumentError(
                 f"leaf_materials: {name}: {what}; textures={{{look.name!r}: image}} gives it one"
             )
-        return Role(False, "no image with alpha")
+        return Role("no image with alpha")
     own = look.alpha_cutoff if look.alpha_mode == "mask" else BLENDED
     level = own if cutoff is None else cutoff
     # What alpha is multiplied by changes where it meets the cutoff.
@@ -86,10 +90,9 @@ def _role(look: Material, name: str, wanted: bool, search: bool, cutoff: float |
     if empty == 1.0:
         if wanted:
             raise ArgumentError(f"leaf_materials: {name}: alpha is below the cutoff everywhere")
-        return Role(False, "nothing is seen of it")
+        return Role("nothing is seen of it")
     if not wanted and empty < EMPTY:
-        return Role(False, f"{empty:.1%} of its image is empty")
-    ways = (texture.wrap, texture.wrap) if isinstance(texture.wrap, str) else texture.wrap
-    mask = Mask(alpha, (ways[0], ways[1]), texture.filter == "linear", float(level))
+        return Role(f"{empty:.1%} of its image is empty")
+    mask = Mask(alpha, both_ways(texture.wrap), texture.filter == "linear", float(level))
     why = "named" if wanted else f"{look.alpha_mode}, {empty:.0%} of its image is empty"
-    return Role(True, why, mask, empty)
+    return Role(why, mask)
