@@ -85,6 +85,7 @@ class Browser:
         quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "start_new_session": True}
         self._process = subprocess.Popen([program, *options, "about:blank"], **quiet)
         self._number = 0
+        self._socket: Any = None
         try:
             self._socket = self._connected(program)
         except BaseException:
@@ -167,6 +168,9 @@ class Browser:
 
     def close(self) -> None:
         """End it."""
+        # Left open, it would be found by whatever test runs when garbage is collected.
+        if self._socket is not None:
+            self._socket.shutdown()
         with suppress(ProcessLookupError):
             os.killpg(self._process.pid, signal.SIGTERM)
         try:
