@@ -60,6 +60,7 @@ from nanite_rs.skinned_mesh import SkinnedMesh
 from nanite_rs.stats import FrameStats, ShadowCascade, ShadowStats, StageStats, StreamStats, TrafficStats
 from nanite_rs.strokes import Lines, Points
 from nanite_rs.terrain import HeightfieldMesh, heightfield
+from nanite_rs.swaying_mesh import SwayingMesh, Wave
 from nanite_rs.texture import Image, Texture
 from nanite_rs.threads import get_num_threads, set_num_threads
 from nanite_rs.triangle_mesh import TriangleMesh
@@ -129,6 +130,7 @@ __all__ = [
     "StreamStats",
     "StreamWarning",
     "StuckGroup",
+    "SwayingMesh",
     "Texture",
     "TextureWarning",
     "TilesReport",
@@ -137,6 +139,7 @@ __all__ = [
     "UsageWarning",
     "View",
     "Viewer",
+    "Wave",
     "WorkerError",
     "__version__",
     "bake_imposter",

@@ -26,6 +26,7 @@ __all__ = [
     "Traffic",
     "TriangleMesh",
     "Unbaked",
+    "Waves",
     "__version__",
     "build_memory",
     "check_camera",
@@ -225,6 +226,12 @@ class Mesh:
     def cut_error(self, error: float) -> Cut: ...
     def cut_faces(self, target: int, exact: bool) -> Cut: ...
     def skin(self, channel: str) -> Skin: ...
+    def waves(
+        self,
+        waves: Sequence[
+            tuple[tuple[float, float, float], float, tuple[float, float, float], str | None, str | None]
+        ],
+    ) -> Waves: ...
     def min_faces(self) -> int: ...
     def cut_view(
         self, camera: _Camera, pose: ArrayLike, viewport: tuple[int, int], pixel_error: float
@@ -301,6 +308,14 @@ class Skin:
     @property
     def joints(self) -> int: ...
     def posed(self, matrices: NDArray[np.float64]) -> Mesh: ...
+
+@final
+class Waves:
+    @property
+    def largest(self) -> float: ...
+    @property
+    def lipschitz(self) -> float: ...
+    def at(self, time: float) -> Mesh: ...
 
 @final
 class Unbaked:

@@ -11,11 +11,13 @@ import numpy as np
 
 from nanite_rs import _advice, _checks, _text
 from nanite_rs._foliage import convert, inputs, masks, pictures
+from nanite_rs._foliage import wind as wind_channels
 from nanite_rs._foliage.roles import roles
 from nanite_rs._notebook import table
 from nanite_rs.exceptions import ArgumentError, DtypeError
 from nanite_rs.mesh import NaniteMesh
 from nanite_rs.options import BuildOptions, no_options
+from nanite_rs.swaying_mesh import Wave
 
 if TYPE_CHECKING:
     import os
@@ -28,7 +30,7 @@ if TYPE_CHECKING:
     from nanite_rs.material import Material
     from nanite_rs.texture import Image, Texture
 
-__all__ = ["Foliage", "FoliageReport", "MaterialReport", "to_geometry"]
+__all__ = ["Foliage", "FoliageReport", "MaterialReport", "breeze", "to_geometry"]
 
 Up = Literal["x", "y", "z"]
 
@@ -248,7 +250,9 @@ def to_geometry(
         seen from both sides.
     wind : bool
         Give vertices channels for an animation: ``wind_pivot`` (3,), where a card hangs on the trunk,
-        ``wind_branch``, its number from 1, and ``wind_phase``, 0 to 1; of the trunk its foot, 0 and 0.
+        ``wind_branch``, its number from 1, and ``wind_phase``, 0 to 1; of the trunk its foot, 0 and 0. And how
+        much it moves them: ``wind_bend``, 0 to 1, the square of the height, and ``wind_flutter``, the distance from
+        the pivot, of the trunk 0. `breeze` makes waves of them.
     up : "x", "y" or "z"
         The axis that points up: the trunk's foot is its lowest part.
     format : str, optional
@@ -305,13 +309,16 @@ def to_geometry(
     what = roles(tree.materials, chosen, list(given), cutoff)
     axis = get_args(Up).index(up) if wind else None
     out, made = convert.converted(tree, what, tolerance=tolerance, triangles=triangles_per_leaf, wind_up=axis)
+    channels = out.channels
+    if axis is not None:
+        channels = channels | wind_channels.reaches(np.asarray(out.vertices, np.float64), channels, axis)
     return Foliage(
         out.vertices,
         out.faces,
         out.normals,
         out.colors,
         tuple(out.uvs),
-        out.channels,
+        channels,
         np.asarray(out.face_materials, np.int32),
         out.face_channels,
         out.materials,
@@ -319,6 +326,78 @@ def to_geometry(
         tree,
         tuple(made),
     )
+
+
+def breeze(
+    mesh: NaniteMesh, *, strength: float = 1.0, direction: ArrayLike = (1.0, 0.0, 0.0), up: Up = "y"
+) -> list[Wave]:
+    """Make waves of wind for a tree that `to_geometry` gave channels for it.
+
+    The tree leans and sways across, by the square of the height, and its leaves flutter about their pivots, each
+    with a phase of its own.
+
+    Parameters
+    ----------
+    mesh : NaniteMesh
+        The tree, built of `to_geometry` with ``wind=True``.
+    strength : float
+        1 is a breeze, in which the top of the tree goes by a thirtieth of its height.
+    direction : (3,)
+        Where the wind blows, of any length but 0.
+    up : "x", "y" or "z"
+        The axis that points up.
+
+    Returns
+    -------
+    list of Wave
+        For `SwayingMesh`.
+
+    Raises
+    ------
+    ArgumentError, DtypeError
+        The mesh has no such channels; not finite, or a direction of length 0.
+
+    Examples
+    --------
+    >>> y, x = np.mgrid[-1:1:32j, -1:1:32j]
+    >>> image = np.full((32, 32, 4), 255, np.uint8)
+    >>> image[..., 3] = 255 * (x**2 + y**2 < 0.8)
+    >>> leaf = nrs.Material(base_color_texture=nrs.Texture(image), alpha_mode="mask", double_sided=True)
+    >>> corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32)
+    >>> faces = [[0, 1, 2], [0, 2, 3]]
+    >>> card = nrs.TriangleMesh(np.pad(corners, [(0, 0), (0, 1)]), faces, uvs=corners, materials=leaf)
+    >>> mesh = nrs.foliage.to_geometry(card, wind=True).build(progress=False)
+    >>> tree = nrs.SwayingMesh(mesh, nrs.foliage.breeze(mesh))
+    >>> tree.move(0.4)
+    >>> 0 < tree.largest < 0.2
+    True
+    """
+    if not isinstance(mesh, NaniteMesh):
+        raise DtypeError(f"mesh: expected a NaniteMesh, not {type(mesh).__name__}")
+    missing = {wind_channels.BEND, wind_channels.FLUTTER, wind_channels.PHASE} - set(mesh.info["channels"])
+    if missing:
+        raise ArgumentError(f"mesh: has no channel {min(missing)!r}; to_geometry(wind=True) gives trees some")
+    strength = _checks.finite(strength, "strength")
+    _checks.choice(up, "up", get_args(Up))
+    way = _checks.numbers(direction, (3,), "direction")
+    length = float(np.linalg.norm(way))
+    if length == 0.0:
+        raise ArgumentError("direction: must not be 0")
+    axis = np.eye(3)[get_args(Up).index(up)]
+    way = way / length
+    across = np.cross(way, axis)
+    top = strength * float(np.ptp(mesh.bounds[:, get_args(Up).index(up)])) / 30.0
+
+    def wave(vector: NDArray[np.float64], frequency: float, weight: str, phase: str | None = None) -> Wave:
+        x, y, z = vector.tolist()
+        return Wave((x, y, z), frequency, weight=weight, phase=phase)
+
+    return [
+        wave(top * way, 0.23, wind_channels.BEND),
+        wave(0.4 * top * across, 0.37, wind_channels.BEND),
+        wave(0.1 * strength * axis, 1.3, wind_channels.FLUTTER, wind_channels.PHASE),
+        wave(0.06 * strength * way, 1.9, wind_channels.FLUTTER, wind_channels.PHASE),
+    ]
 
 
 def _report(tree: Source, found: list[Any], out: Source, made: list[convert.Converted]) -> FoliageReport:

@@ -20,6 +20,7 @@ from nanite_rs.exceptions import ArgumentError, DtypeError
 from nanite_rs.mesh import NaniteMesh
 from nanite_rs.scene import Scene
 from nanite_rs.skinned_mesh import SkinnedMesh
+from nanite_rs.swaying_mesh import SwayingMesh
 from nanite_rs.triangle_mesh import TriangleMesh
 
 if TYPE_CHECKING:
@@ -289,7 +290,7 @@ class Imposter:
 
 
 def bake_imposter(
-    mesh: NaniteMesh | TriangleMesh | SkinnedMesh | Scene | LoadedScene,
+    mesh: NaniteMesh | TriangleMesh | SkinnedMesh | SwayingMesh | Scene | LoadedScene,
     *,
     views: int = 12,
     size: int = 128,
@@ -309,7 +310,7 @@ def bake_imposter(
 
     Parameters
     ----------
-    mesh : NaniteMesh, TriangleMesh, SkinnedMesh, Scene or LoadedScene
+    mesh : NaniteMesh, TriangleMesh, SkinnedMesh, SwayingMesh, Scene or LoadedScene
         What to bake: a mesh, or all visible instances of a scene in the space of the world, as they stand.
     views : int
         Views along each side of the grid, 3 or more; their square is baked.
@@ -369,7 +370,7 @@ def _scene(mesh: object) -> Scene:
         return mesh.scene
     if isinstance(mesh, Scene):
         return mesh
-    if not isinstance(mesh, NaniteMesh | TriangleMesh | SkinnedMesh):
+    if not isinstance(mesh, NaniteMesh | TriangleMesh | SkinnedMesh | SwayingMesh):
         raise DtypeError(f"mesh: expected a mesh or a Scene, not {_advice.name_of_type(mesh)}")
     scene = Scene()
     scene.add(mesh)

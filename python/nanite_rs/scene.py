@@ -20,6 +20,7 @@ from nanite_rs.light import DirectionalLight, Environment, Light, PointLight, Sp
 from nanite_rs.material import Look, Material, several
 from nanite_rs.mesh import NaniteMesh
 from nanite_rs.skinned_mesh import SkinnedMesh
+from nanite_rs.swaying_mesh import SwayingMesh
 from nanite_rs.strokes import Lines, Points
 from nanite_rs.triangle_mesh import TriangleMesh
 
@@ -38,7 +39,7 @@ if TYPE_CHECKING:
 __all__ = ["LightNode", "MeshNode", "Scene"]
 
 Handle: TypeAlias = tuple[int, int]
-Shown: TypeAlias = NaniteMesh | SkinnedMesh | TriangleMesh | Points | Lines
+Shown: TypeAlias = NaniteMesh | SkinnedMesh | SwayingMesh | TriangleMesh | Points | Lines
 """What an instance may be of."""
 
 
@@ -59,7 +60,7 @@ def _advised(error: ArgumentError, pose: ArrayLike | None) -> ArgumentError:
 
 def _shown(item: object) -> Shown | None:
     """A mesh, points or lines as they are, or those of trimesh, which need not be there."""
-    if isinstance(item, NaniteMesh | SkinnedMesh | TriangleMesh | Points | Lines):
+    if isinstance(item, NaniteMesh | SkinnedMesh | SwayingMesh | TriangleMesh | Points | Lines):
         return item
     module = sys.modules.get("trimesh")
     if module is None:
@@ -346,7 +347,7 @@ class Scene(_advice.Teaching):
 
         Parameters
         ----------
-        item : NaniteMesh, SkinnedMesh, TriangleMesh, Points, Lines, DirectionalLight, PointLight or SpotLight
+        item : NaniteMesh, SkinnedMesh, SwayingMesh, TriangleMesh, Points, Lines, DirectionalLight, PointLight or SpotLight
             What to add. It is shared, not copied. Of a `trimesh.Trimesh` a `TriangleMesh` is made, of a
             `trimesh.PointCloud` `Points`, of a `trimesh.path.Path3D` `Lines`.
         pose : (4, 4) array, optional

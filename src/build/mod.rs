@@ -26,12 +26,14 @@ pub mod pose;
 pub mod rebake;
 pub mod reference;
 pub mod relax;
+mod rows;
 pub mod silhouette;
 pub mod simplify;
 pub mod skin;
 mod slabs;
 pub mod source_labels;
 pub mod store;
+pub mod waves;
 pub mod welding;
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};

@@ -12,13 +12,13 @@ use crate::math::sphere::round_up;
 use crate::math::{Aabb, Sphere};
 use crate::mesh::frame;
 use crate::model::rule::{ERROR_FLOOR, ERROR_STEP, ROOT_ERROR, SOURCE_ERROR};
-use crate::model::skin::{GroupSkin, JointBox, Pose, Skin, moved_box};
-use crate::model::{CoordinateFrame, Dag, GeometryId, Group};
+use crate::model::skin::{GroupSkin, JointBox, Joints, Lists, Skin, moved_box};
+use crate::model::{CoordinateFrame, Dag, GeometryId, Group, Motion, Pose};
 
 /// Rounding of some hundred operations in f64, relative to the result.
-const ROUNDING: f64 = 1.0e-10;
+pub(super) const ROUNDING: f64 = 1.0e-10;
 /// How far f32 moves a position whose coordinates are at most 1.
-const POSITION_ROUNDING: f64 = 1.0 / (1u64 << 24) as f64;
+pub(super) const POSITION_ROUNDING: f64 = 1.0 / (1u64 << 24) as f64;
 
 /// The mesh where joints take it: `matrices` map object space at rest to where each joint takes it. Pages are those of the mesh at
 /// rest.
@@ -41,42 +41,65 @@ pub fn posed(rest: &Dag, skin: &Arc<Skin>, matrices: &[Affine]) -> Result<Dag> {
         .into_par_iter()
         .map(|g| GroupParts::of(&rest.groups[g], skin.groups.of(g), &skin.errors[g], &maps, &pairs))
         .collect();
-    let mut groups: Vec<Group> = rest.groups.to_vec();
-    for g in (0..groups.len()).rev() {
-        let (part, below) = (&parts[g], skin.below.of(g));
-        let mut spheres = vec![part.sphere];
-        spheres.extend(below.iter().map(|below| groups[*below as usize].lod_sphere));
-        let most = |of: fn(&Group) -> f32| below.iter().map(|b| of(&groups[*b as usize])).fold(0.0, f32::max);
-        let step = |below: f32, own: f32| own.max((below * ERROR_STEP).next_up()).max(ERROR_FLOOR);
-        let of_source = rest.groups[g].min_own_error == SOURCE_ERROR;
-        let least = below.iter().map(|b| groups[*b as usize].error).fold(f32::INFINITY, f32::min);
-        let (error, bound) = (step(most(|b| b.error), part.error), step(most(|b| b.bound), part.bound));
-        let (quadric, attribute_error) = (part.quadric.max(most(|b| b.quadric)), part.attribute_error);
-        let (center, extent) = part.bounds.center_extent();
-        let group = &mut groups[g];
-        (group.lod_sphere, group.center, group.extent) = (Sphere::of_spheres(&spheres), center, extent);
-        group.min_own_error = if of_source { SOURCE_ERROR } else { least };
-        if group.error != ROOT_ERROR {
-            (group.error, group.attribute_error) = (error, attribute_error);
-            group.quadric = quadric;
-            if group.bound.is_finite() {
-                group.bound = bound;
+    let moved = Moved { frame, bounds, topology: Arc::clone(&skin.topology), parts };
+    let joints = Joints { skin: Arc::clone(skin), maps };
+    Ok(moved.dag(rest, &skin.below, Motion::Joints(joints)))
+}
+
+/// What moves a mesh makes of it.
+pub(super) struct Moved {
+    /// About where vertices go.
+    pub(super) frame: CoordinateFrame,
+    /// The box of the source there.
+    pub(super) bounds: Aabb,
+    /// One for all shapes of the mesh.
+    pub(super) topology: Arc<GeometryId>,
+    /// By group.
+    pub(super) parts: Vec<GroupParts>,
+}
+
+impl Moved {
+    /// The mesh there: errors increase along the DAG, and spheres nest. `below` are the groups that those of each are made from.
+    pub(super) fn dag(self, rest: &Dag, below: &Lists<u32>, motion: Motion) -> Dag {
+        let Self { frame, bounds, topology, parts } = self;
+        let mut groups: Vec<Group> = rest.groups.to_vec();
+        for g in (0..groups.len()).rev() {
+            let (part, below) = (&parts[g], below.of(g));
+            let mut spheres = vec![part.sphere];
+            spheres.extend(below.iter().map(|below| groups[*below as usize].lod_sphere));
+            let most =
+                |of: fn(&Group) -> f32| below.iter().map(|b| of(&groups[*b as usize])).fold(0.0, f32::max);
+            let step = |below: f32, own: f32| own.max((below * ERROR_STEP).next_up()).max(ERROR_FLOOR);
+            let of_source = rest.groups[g].min_own_error == SOURCE_ERROR;
+            let least = below.iter().map(|b| groups[*b as usize].error).fold(f32::INFINITY, f32::min);
+            let (error, bound) = (step(most(|b| b.error), part.error), step(most(|b| b.bound), part.bound));
+            let (quadric, attribute_error) = (part.quadric.max(most(|b| b.quadric)), part.attribute_error);
+            let (center, extent) = part.bounds.center_extent();
+            let group = &mut groups[g];
+            (group.lod_sphere, group.center, group.extent) = (Sphere::of_spheres(&spheres), center, extent);
+            group.min_own_error = if of_source { SOURCE_ERROR } else { least };
+            if group.error != ROOT_ERROR {
+                (group.error, group.attribute_error) = (error, attribute_error);
+                group.quadric = quadric;
+                if group.bound.is_finite() {
+                    group.bound = bound;
+                }
             }
         }
+        let boxes: Vec<Aabb> = parts.iter().map(|part| part.bounds).collect();
+        Dag {
+            id: GeometryId::default(),
+            topology: Some(topology),
+            frame,
+            bounds,
+            nodes: hierarchy(&groups, &boxes),
+            groups: groups.into(),
+            grid: None,
+            pages: rest.pages.in_memory(),
+            pose: Some(Arc::new(Pose::new(motion, rest.cluster_count()))),
+            ..rest.clone()
+        }
     }
-    let boxes: Vec<Aabb> = parts.iter().map(|part| part.bounds).collect();
-    Ok(Dag {
-        id: GeometryId::default(),
-        topology: Some(Arc::clone(&skin.topology)),
-        frame,
-        bounds,
-        nodes: hierarchy(&groups, &boxes),
-        groups: groups.into(),
-        grid: None,
-        pages: rest.pages.in_memory(),
-        pose: Some(Arc::new(Pose::new(Arc::clone(skin), maps))),
-        ..rest.clone()
-    })
 }
 
 /// A map of object space as one from internal space.
@@ -154,14 +177,20 @@ impl Pairs {
     }
 }
 
-/// What a pose makes of a group, without what it has from those below.
-struct GroupParts {
-    bounds: Aabb,
-    sphere: Sphere,
-    error: f32,
-    bound: f32,
-    quadric: f32,
-    attribute_error: f32,
+/// What moves a group makes of it, without what it has from those below.
+pub(super) struct GroupParts {
+    /// Around what its members are.
+    pub(super) bounds: Aabb,
+    /// Where errors are projected.
+    pub(super) sphere: Sphere,
+    /// See [`Group::error`].
+    pub(super) error: f32,
+    /// See [`Group::bound`].
+    pub(super) bound: f32,
+    /// See [`Group::quadric`].
+    pub(super) quadric: f32,
+    /// See [`Group::attribute_error`].
+    pub(super) attribute_error: f32,
 }
 
 impl GroupParts {

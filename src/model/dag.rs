@@ -12,11 +12,11 @@ use super::geometry::GeometryId;
 use super::hierarchy::Node;
 use super::materials::Materials;
 use super::page::{PageEntry, Pages};
+use super::pose::Pose;
 use super::primitive::Primitive;
 use super::reading::InterruptCheck;
 use super::report::BuildReport;
 use super::rule::ROOT_ERROR;
-use super::skin::Pose;
 use super::words::Words;
 use crate::error::Result;
 use crate::math::{Aabb, Sphere};
@@ -168,7 +168,7 @@ pub struct Dag {
     pub primitive: Primitive,
     /// What positions and normals were rounded to; nothing before a file asked for it.
     pub grid: Option<Grid>,
-    /// Where joints take its vertices; nothing at rest. Everything but the pages is that of the pose.
+    /// Where its vertices are; nothing at rest. Everything but the pages is that of the pose.
     pub pose: Option<Arc<Pose>>,
     /// What building did.
     pub report: BuildReport,
@@ -205,7 +205,7 @@ impl Dag {
 
     /// The pages as a device holds them: what moves takes others than those at rest.
     pub fn table(&self) -> &[PageEntry] {
-        self.pose.as_ref().map_or(&self.pages.table, |pose| &pose.skin.table)
+        self.pose.as_ref().map_or(&self.pages.table, |pose| pose.table())
     }
 
     /// The words of a page as a device holds it, where these are the pages that are in memory.

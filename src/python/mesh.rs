@@ -20,6 +20,7 @@ use super::errors::{argument_error, to_python};
 use super::remote::Input;
 use super::renderer::{self, RawCamera};
 use crate::build;
+use crate::build::waves::WaveDesc;
 use crate::config::BuildOptions;
 use crate::decimate::{Decimated, Goal};
 use crate::error::{Error, Result};
@@ -31,7 +32,7 @@ use crate::math::octahedral::angle_of_bits;
 use crate::mesh::SourceMesh;
 use crate::model::rule::{ROOT_ERROR, Threshold};
 use crate::model::{
-    self, AttributeLayout, Blob, Channel, CoordinateFrame, Dag, Grid, Group, InterruptCheck, Materials,
+    self, AttributeLayout, Blob, Channel, CoordinateFrame, Dag, Grid, Group, InterruptCheck, Materials, Wave,
 };
 use crate::threads::once;
 
@@ -71,6 +72,36 @@ impl Skin {
         detached(py, || build::pose::posed(&self.rest, &self.skin, matrices)).map(Mesh::new)
     }
 }
+
+/// A mesh whose vertices follow waves.
+#[pyclass(frozen, module = "nanite_rs._core")]
+pub struct Waves {
+    waves: Arc<model::Waves>,
+    moved: Dag,
+}
+
+#[pymethods]
+impl Waves {
+    /// How far any vertex goes at most, object units.
+    #[getter]
+    fn largest(&self) -> f64 {
+        self.waves.largest
+    }
+
+    /// How much farther apart two points of the same channels may be at any time, as a part of their distance.
+    #[getter]
+    fn lipschitz(&self) -> f64 {
+        self.waves.lipschitz
+    }
+
+    /// The mesh at a time, seconds.
+    fn at(&self, time: f64) -> Mesh {
+        Mesh::new(build::waves::at(&self.waves, &self.moved, time))
+    }
+}
+
+/// A wave: amplitude, turns per second, turns per unit of length, and channels of weights and of phases.
+type RawWave = ([f64; 3], f64, [f64; 3], Option<String>, Option<String>);
 
 fn to_raise(error: Error) -> PyErr {
     Python::attach(|py| to_python(py, error))
@@ -331,6 +362,18 @@ impl Mesh {
     fn skin(&self, py: Python<'_>, channel: &str) -> PyResult<Skin> {
         let skin = interruptible(py, |proceed| build::skin::skin(&self.dag, channel, proceed))?;
         Ok(Skin { rest: Arc::clone(&self.dag), skin: Arc::new(skin) })
+    }
+
+    /// What moves its vertices, of waves.
+    fn waves(&self, py: Python<'_>, waves: Vec<RawWave>) -> PyResult<Waves> {
+        let desc = |(amplitude, frequency, vector, weight, phase): RawWave| WaveDesc {
+            wave: Wave { amplitude, frequency, vector },
+            weight,
+            phase,
+        };
+        let waves: Vec<WaveDesc> = waves.into_iter().map(desc).collect();
+        let (waves, moved) = interruptible(py, |proceed| build::waves::waves(&self.dag, &waves, proceed))?;
+        Ok(Waves { waves, moved })
     }
 
     /// Triangles of the coarsest cut.

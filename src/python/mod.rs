@@ -47,6 +47,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(remote::retry_pauses, module)?)?;
     module.add_class::<mesh::Mesh>()?;
     module.add_class::<mesh::Skin>()?;
+    module.add_class::<mesh::Waves>()?;
     module.add_class::<rebake::Unbaked>()?;
     module.add_class::<mesh::Cut>()?;
     module.add_class::<mesh::ChannelRows>()?;

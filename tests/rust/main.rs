@@ -40,3 +40,4 @@ mod streaming;
 mod tiles;
 #[cfg(feature = "gpu")]
 mod traversal;
+mod waves;

@@ -20,6 +20,11 @@ BRANCH: Final = "wind_branch"
 PHASE: Final = "wind_phase"
 """0 to 1: how far a card is behind others."""
 
+BEND: Final = "wind_bend"
+"""0 to 1: the square of the height above the foot, relative to the highest vertex."""
+FLUTTER: Final = "wind_flutter"
+"""How far from the pivot of its card; of trunks 0."""
+
 # Turns of the golden ratio: whatever their number, cards have phases that lie evenly.
 _GOLDEN: Final = (5.0**0.5 - 1.0) / 2.0
 
@@ -61,6 +66,16 @@ def channels(
         PHASE: (numbers * _GOLDEN % 1.0).astype(np.float32),
     }
     return Moving({name: values[card] for name, values in rows.items()}, {k: v[0] for k, v in rows.items()})
+
+
+def reaches(vertices: NDArray[np.float64], carried: dict[str, NDArray[Any]], up: int) -> dict[str, NDArray[Any]]:
+    """Return how much wind moves vertices that have the channels above: as a part of the tree, and of its card."""
+    height = vertices[:, up] - vertices[:, up].min()
+    most = float(height.max())
+    bend = (height / most) ** 2 if most > 0 else np.zeros(len(height))
+    flutter = np.linalg.norm(vertices - carried[PIVOT], axis=1)
+    flutter[np.round(carried[BRANCH]) == 0] = 0.0
+    return {BEND: bend.astype(np.float32), FLUTTER: flutter.astype(np.float32)}
 
 
 def _base(vertices: NDArray[np.float64], faces: NDArray[np.int64], up: int) -> NDArray[np.float64]:
