@@ -59,8 +59,8 @@ from nanite_rs.scene import LightNode, MeshNode, Scene
 from nanite_rs.skinned_mesh import SkinnedMesh
 from nanite_rs.stats import FrameStats, ShadowCascade, ShadowStats, StageStats, StreamStats, TrafficStats
 from nanite_rs.strokes import Lines, Points
-from nanite_rs.terrain import HeightfieldMesh, heightfield
 from nanite_rs.swaying_mesh import SwayingMesh, Wave
+from nanite_rs.terrain import HeightfieldMesh, heightfield
 from nanite_rs.texture import Image, Texture
 from nanite_rs.threads import get_num_threads, set_num_threads
 from nanite_rs.triangle_mesh import TriangleMesh

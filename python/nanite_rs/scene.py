@@ -20,8 +20,8 @@ from nanite_rs.light import DirectionalLight, Environment, Light, PointLight, Sp
 from nanite_rs.material import Look, Material, several
 from nanite_rs.mesh import NaniteMesh
 from nanite_rs.skinned_mesh import SkinnedMesh
-from nanite_rs.swaying_mesh import SwayingMesh
 from nanite_rs.strokes import Lines, Points
+from nanite_rs.swaying_mesh import SwayingMesh
 from nanite_rs.triangle_mesh import TriangleMesh
 
 if TYPE_CHECKING:
@@ -347,7 +347,7 @@ class Scene(_advice.Teaching):
 
         Parameters
         ----------
-        item : NaniteMesh, SkinnedMesh, SwayingMesh, TriangleMesh, Points, Lines, DirectionalLight, PointLight or SpotLight
+        item : NaniteMesh, SkinnedMesh, SwayingMesh, TriangleMesh, Points, Lines or a light
             What to add. It is shared, not copied. Of a `trimesh.Trimesh` a `TriangleMesh` is made, of a
             `trimesh.PointCloud` `Points`, of a `trimesh.path.Path3D` `Lines`.
         pose : (4, 4) array, optional

@@ -68,13 +68,14 @@ class Wave:
 class SwayingMesh(Geometry, Moving):
     """A mesh of any size with levels of detail, whose vertices follow waves.
 
-    A vertex at x goes to x + Σ aₖ wₖ sin 2π (fₖ t + pₖ + κₖ · x), where weights w and phases p are channels of the
-    mesh, which building carries along as it does colours: what engines call world position offset. `move` sets the
-    time t; cuts and frames then show the mesh as it is there. What they state of their error holds at any time: it
-    is the error at rest, times one more than `lipschitz`, and what the channels of the level deviate, as far as they
-    move points (docs/numerics.md). Boxes are grown by how far their vertices go at most, so that groups, boxes and
-    errors are the same at all times. Frames move those clusters alone that are seen. Normals stay those at rest. The
-    CPU moves clusters on both backends; to a device go the positions of all clusters with each time.
+    A vertex at x goes to x + Σ aₖ wₖ sin 2π (fₖ t + pₖ + κₖ · x), where weights w and phases p are channels of
+    the mesh, which building carries along as it does colours: what engines call world position offset. `move`
+    sets the time t; cuts and frames then show the mesh as it is there. What they state of their error holds at
+    any time: it is the error at rest, times one more than `lipschitz`, and what the channels of the level
+    deviate, as far as they move points (docs/numerics.md). Boxes are grown by how far their vertices go at
+    most, so that groups, boxes and errors are the same at all times. Frames move those clusters alone that are
+    seen. Normals stay those at rest. The CPU moves clusters on both backends; to a device go the positions of
+    all clusters with each time.
 
     ``copy.copy`` gives one with a time of its own, which costs no measuring: for trees of a forest that do not sway
     as one.

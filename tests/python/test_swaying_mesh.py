@@ -44,7 +44,10 @@ def waves_of(kind: str, size: float) -> list[nrs.Wave]:
     if kind == "running":
         run = 2.0 / size
         return [nrs.Wave((0, a, 0), 0.5, (run, 0.3 * run, 0)), nrs.Wave((a, 0, a), 0.4, (0, run, 0), "bend")]
-    return [nrs.Wave((0.2 * a, 0, 0), 0.7, weight="bend", phase="phase"), nrs.Wave((0, a, 0), 0.2, weight="bend")]
+    return [
+        nrs.Wave((0.2 * a, 0, 0), 0.7, weight="bend", phase="phase"),
+        nrs.Wave((0, a, 0), 0.2, weight="bend"),
+    ]
 
 
 def moved(vertices: np.ndarray, channels: dict, waves: list[nrs.Wave], time: float) -> np.ndarray:
@@ -53,7 +56,7 @@ def moved(vertices: np.ndarray, channels: dict, waves: list[nrs.Wave], time: flo
     for wave in waves:
         weight = 1.0 if wave.weight is None else channels[wave.weight].astype(float)
         phase = 0.0 if wave.phase is None else channels[wave.phase].astype(float)
-        turns = wave.frequency * time + phase + vertices @ np.array(wave.vector)
+        turns = wave.frequency * time % 1.0 + phase + vertices @ np.array(wave.vector)
         out += (weight * np.sin(2 * np.pi * turns))[:, None] * np.array(wave.amplitude)
     return out
 
@@ -71,9 +74,7 @@ def mesh_of(name: str, quality: str = "best") -> tuple[nrs.NaniteMesh, np.ndarra
 
 
 @functools.cache
-def body(
-    name: str, kind: str, quality: str = "best"
-) -> tuple[nrs.SwayingMesh, np.ndarray, np.ndarray, dict]:
+def body(name: str, kind: str, quality: str = "best") -> tuple[nrs.SwayingMesh, np.ndarray, np.ndarray, dict]:
     mesh, vertices, faces, channels = mesh_of(name, quality)
     size = float(np.linalg.norm(np.ptp(vertices, axis=0)))
     return nrs.SwayingMesh(mesh, waves_of(kind, size)), vertices, faces, channels
@@ -159,7 +160,10 @@ def test_all_at_once_costs_nothing() -> None:
 def test_lipschitz_is_as_written() -> None:
     mesh, _, _, channels = body("part", "running")
     slopes = [
-        2 * np.pi * np.linalg.norm(wave.amplitude) * np.linalg.norm(wave.vector)
+        2
+        * np.pi
+        * np.linalg.norm(wave.amplitude)
+        * np.linalg.norm(wave.vector)
         * (1.0 if wave.weight is None else np.abs(channels[wave.weight]).max())
         for wave in mesh.waves
     ]
@@ -229,7 +233,7 @@ def test_device_draws_the_same() -> None:
     except nrs.BackendError as error:
         pytest.skip(str(error))
     mesh, _, _, _ = body("knot", "patches")
-    scene = stage(mesh)
+    scene, uploaded = stage(mesh), []
     with device, nrs.Renderer(160, 120, backend="cpu") as host:
         for step in range(12):
             mesh.move(0.21 * step)
@@ -237,11 +241,10 @@ def test_device_draws_the_same() -> None:
             for name in ("depth", "instance_id", "triangle_id"):
                 assert (getattr(frames[0], name) == getattr(frames[1], name)).all(), name
             assert compare.psnr(frames[0].color, frames[1].color) > 45
-            if step:
-                # Positions alone, of a mesh that is there.
-                assert 0 < frames[0].stats.uploaded_mesh_bytes < 0.8 * first
-            else:
-                first = frames[0].stats.uploaded_mesh_bytes
+            uploaded.append(frames[0].stats.uploaded_mesh_bytes)
+    # Positions alone, of a mesh that is there.
+    assert min(uploaded[1:]) > 0
+    assert max(uploaded[1:]) < 0.8 * uploaded[0]
 
 
 def test_motion_is_where_vertices_went() -> None:
@@ -275,7 +278,7 @@ def test_copies_have_times_of_their_own(tmp_path) -> None:
 
 
 def test_far_times_and_wide_waves_do_no_harm() -> None:
-    rest, vertices, faces, channels = mesh_of("sphere")
+    rest, vertices, _, channels = mesh_of("sphere")
     for amplitude, time in ((0.1, 1e12), (1e-30, 0.3), (1e12, 0.3), (0.0, 0.3)):
         mesh = nrs.SwayingMesh(rest, [nrs.Wave((amplitude, 0, 0), 0.5, weight="bend")])
         mesh.move(time)
@@ -293,7 +296,7 @@ def test_far_times_and_wide_waves_do_no_harm() -> None:
 def test_mistakes_are_named() -> None:
     mesh, _, _, _ = body("sphere", "bent")
     mesh.move(0.25)
-    with pytest.raises(nrs.ArgumentError, match="waves: the mesh has no channel 'wind'"):
+    with pytest.raises(nrs.ArgumentError, match='waves: the mesh has no channel "wind"'):
         nrs.SwayingMesh(mesh.rest, [nrs.Wave((1, 0, 0), weight="wind")])
     with pytest.raises(nrs.DtypeError, match="mesh: expected a NaniteMesh"):
         nrs.SwayingMesh(nrs.TriangleMesh(*nrs.shapes.icosphere(faces=20)), [])
@@ -313,10 +316,14 @@ def test_mistakes_are_named() -> None:
         mesh.move(np.nan)
     assert mesh.time == 0.25
     points, faces = nrs.shapes.icosphere(faces=20)
-    given = {"label": np.arange(12), "pair": np.zeros((12, 2), np.float32), "far": np.full(12, 1e6, np.float32)}
+    given = {
+        "label": np.arange(12),
+        "pair": np.zeros((12, 2), np.float32),
+        "far": np.full(12, 1e6, np.float32),
+    }
     wrong = nrs.NaniteMesh.from_arrays(points, faces, channels=given)
     for name, message in (("label", "found 1 of int64"), ("pair", "found 2 of float32")):
-        with pytest.raises(nrs.ArgumentError, match=f"channel '{name}'|channel \"{name}\".*{message}"):
+        with pytest.raises(nrs.ArgumentError, match=f'waves: channel "{name}": .*{message}'):
             nrs.SwayingMesh(wrong, [nrs.Wave((1, 0, 0), weight=name)])
     with pytest.raises(nrs.ArgumentError, match="wave 1 has a phase of 1000000 turns"):
         nrs.SwayingMesh(wrong, [nrs.Wave((1, 0, 0)), nrs.Wave((1, 0, 0), phase="far")])

@@ -13,7 +13,8 @@ const FRAMES: u32 = 1_000;
 
 fn swaying() -> (std::sync::Arc<nanite_rs::model::Waves>, Dag) {
     let (positions, faces) = shapes::torus(60, 40);
-    let words = |of: &dyn Fn(&[f32; 3]) -> f32| -> Vec<u32> { positions.iter().map(|p| of(p).to_bits()).collect() };
+    let words =
+        |of: &dyn Fn(&[f32; 3]) -> f32| -> Vec<u32> { positions.iter().map(|p| of(p).to_bits()).collect() };
     let (weights, phases) = (words(&|p| 1.0 + p[0]), words(&|p| if p[1] > 0.0 { 0.3 } else { 2.0 * p[2] }));
     let info = |name: &str| ChannelInfo { name: name.to_owned(), dtype: ChannelType::Float32, columns: None };
     let mut source = SourceMesh::new(Positions::F32(&positions), &faces);
@@ -54,7 +55,9 @@ fn no_cluster_is_ever_outside_its_bounds() {
                 assert!(inside(p, group.center, group.extent), "group of {address:?} at frame {frame}");
                 let away = (0..3).map(|k| f64::from(p[k] - sphere.center[k]).powi(2)).sum::<f64>().sqrt();
                 assert!(away <= f64::from(sphere.radius));
-                let gone = |k: usize| f64::from(p[k]) * now.frame.scale - f64::from(rest[k]) * waves.ratio * now.frame.scale;
+                let gone = |k: usize| {
+                    f64::from(p[k]) * now.frame.scale - f64::from(rest[k]) * waves.ratio * now.frame.scale
+                };
                 farthest = farthest.max((0..3).map(|k| gone(k).powi(2)).sum::<f64>().sqrt());
             }
         }

@@ -68,7 +68,9 @@ def channels(
     return Moving({name: values[card] for name, values in rows.items()}, {k: v[0] for k, v in rows.items()})
 
 
-def reaches(vertices: NDArray[np.float64], carried: dict[str, NDArray[Any]], up: int) -> dict[str, NDArray[Any]]:
+def reaches(
+    vertices: NDArray[np.float64], carried: dict[str, NDArray[Any]], up: int
+) -> dict[str, NDArray[Any]]:
     """Return how much wind moves vertices that have the channels above: as a part of the tree, and of its card."""
     height = vertices[:, up] - vertices[:, up].min()
     most = float(height.max())
