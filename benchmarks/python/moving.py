@@ -1,4 +1,4 @@
-"""Meshes that move: new vertices in every frame, beside pyrender's; 100 bodies; updates; joints; glass; points.
+"""Meshes that move: new vertices in every frame, beside pyrender's; 100 bodies; joints; waves; glass; points.
 
 ``python -m benchmarks.python.moving``. A frame is colour, depth and ids at 640 × 480.
 """
@@ -124,19 +124,12 @@ def glass(runs: int) -> list[dict[str, object]]:
     ]
 
 
-class Walker:
-    """A mesh with levels of detail that follows joints along its height, a pose in every frame."""
+class Levels:
+    """A mesh with levels of detail that moves, and the same with all its triangles, in every frame."""
 
-    JOINTS = 16
-
-    def __init__(self, faces: int) -> None:
-        self.vertices, self.faces = nrs.shapes.displaced_icosphere(faces=faces)
-        height = (self.vertices[:, 1] - self.vertices[:, 1].min()) / np.ptp(self.vertices[:, 1])
-        hats = 1.0 - np.abs(height[:, None] * (self.JOINTS - 1) - np.arange(self.JOINTS))
-        self.weights = np.clip(hats, 0.0, 1.0).astype(np.float32)
-        self.mesh = nrs.NaniteMesh.from_arrays(self.vertices, self.faces, channels={"weights": self.weights})
-        self.virtual = nrs.SkinnedMesh(self.mesh)
-        self.whole = nrs.TriangleMesh(self.vertices, self.faces)
+    def __init__(self, virtual: nrs.SkinnedMesh | nrs.SwayingMesh, vertices: np.ndarray, faces: np.ndarray):
+        self.virtual, self.vertices = virtual, vertices
+        self.whole = nrs.TriangleMesh(vertices, faces)
         self.renderer = nrs.Renderer(*SIZE, backend="cpu")
         self.scenes = {}
         for name, shape in (("virtual", self.virtual), ("whole", self.whole)):
@@ -144,13 +137,17 @@ class Walker:
             scene.add(shape)
             scene.add(nrs.DirectionalLight(intensity=3.0), pose=nrs.look_at((1, 1, 2), (0, 0, 0)))
 
-    def matrices(self, step: int) -> np.ndarray:
-        """Joints that turn about the height, each by another angle."""
-        turn = 0.3 * np.sin(0.4 * step + 0.2 * np.arange(self.JOINTS))
-        out = np.tile(np.eye(4), (self.JOINTS, 1, 1))
-        out[:, 0, 0], out[:, 0, 2] = np.cos(turn), np.sin(turn)
-        out[:, 2, 0], out[:, 2, 2] = -np.sin(turn), np.cos(turn)
-        return out
+    def move(self, step: int) -> None:
+        """Show another shape."""
+        raise NotImplementedError
+
+    def moved(self, step: int) -> np.ndarray:
+        """All vertices in that shape, by NumPy."""
+        raise NotImplementedError
+
+    def rest(self) -> None:
+        """Show the shape at rest."""
+        raise NotImplementedError
 
     def picture(self, name: str) -> nrs.Frame:
         """Of what was moved last."""
@@ -160,44 +157,101 @@ class Walker:
         )
 
     def frame(self, step: int) -> np.ndarray:
-        """A pose, and a picture."""
-        self.virtual.pose(self.matrices(step))
+        """A shape, and a picture."""
+        self.move(step)
         return self.picture("virtual").color
 
     def every_vertex(self, step: int) -> np.ndarray:
         """All vertices moved by NumPy, and a picture of all triangles."""
-        rows = np.einsum("vj,jab->vab", self.weights, self.matrices(step)[:, :3].astype(np.float32))
-        moved = np.einsum("vab,vb->va", rows[:, :, :3], self.vertices) + rows[:, :, 3]
-        self.whole.update(moved)
+        self.whole.update(self.moved(step))
         return self.picture("whole").color
 
-
-def joints(runs: int) -> list[dict[str, object]]:
-    """Meshes that follow joints, with levels of detail and without."""
-    rows = []
-    for faces in (100_000, 1_000_000):
-        walker = Walker(faces)
+    def row(self, runs: int) -> dict[str, object]:
+        """Times, and what was drawn."""
         times = interleaved(
-            {
-                "pose + frame": walker.frame,
-                "pose": lambda step, walker=walker: walker.virtual.pose(walker.matrices(step)),
-                "all vertices + frame": walker.every_vertex,
-            },
+            {"move + frame": self.frame, "move": self.move, "all vertices + frame": self.every_vertex},
             runs=max(runs // 4, 3),
             warm_up=2,
             budget=60,
         )
-        row = {"triangles": f"{faces:,}", "drawn": walker.picture("virtual").stats.triangles}
-        row |= {"drawn at rest": drawn_at_rest(walker)}
-        row |= {f"{what}, ms": own["median"] * 1e3 for what, own in times.items()}
-        rows.append(row)
-    return rows
+        row = {"triangles": f"{len(self.virtual):,}", "drawn": self.picture("virtual").stats.triangles}
+        self.rest()
+        row |= {"drawn at rest": self.picture("virtual").stats.triangles}
+        return row | {f"{what}, ms": own["median"] * 1e3 for what, own in times.items()}
 
 
-def drawn_at_rest(walker: Walker) -> int:
-    """Triangles of the same picture where no joint moves."""
-    walker.virtual.pose(np.tile(np.eye(4), (Walker.JOINTS, 1, 1)))
-    return walker.picture("virtual").stats.triangles
+class Walker(Levels):
+    """A mesh that follows joints along its height."""
+
+    JOINTS = 16
+
+    def __init__(self, faces: int) -> None:
+        vertices, triangles = nrs.shapes.displaced_icosphere(faces=faces)
+        height = (vertices[:, 1] - vertices[:, 1].min()) / np.ptp(vertices[:, 1])
+        hats = 1.0 - np.abs(height[:, None] * (self.JOINTS - 1) - np.arange(self.JOINTS))
+        self.weights = np.clip(hats, 0.0, 1.0).astype(np.float32)
+        mesh = nrs.NaniteMesh.from_arrays(vertices, triangles, channels={"weights": self.weights})
+        super().__init__(nrs.SkinnedMesh(mesh), vertices, triangles)
+
+    def matrices(self, step: int) -> np.ndarray:
+        """Joints that turn about the height, each by another angle."""
+        turn = 0.3 * np.sin(0.4 * step + 0.2 * np.arange(self.JOINTS))
+        out = np.tile(np.eye(4), (self.JOINTS, 1, 1))
+        out[:, 0, 0], out[:, 0, 2] = np.cos(turn), np.sin(turn)
+        out[:, 2, 0], out[:, 2, 2] = -np.sin(turn), np.cos(turn)
+        return out
+
+    def move(self, step: int) -> None:
+        """Pose the joints."""
+        self.virtual.pose(self.matrices(step))
+
+    def moved(self, step: int) -> np.ndarray:
+        """Linear blend skinning."""
+        rows = np.einsum("vj,jab->vab", self.weights, self.matrices(step)[:, :3].astype(np.float32))
+        return np.einsum("vab,vb->va", rows[:, :, :3], self.vertices) + rows[:, :, 3]
+
+    def rest(self) -> None:
+        """No joint moves."""
+        self.virtual.pose(np.tile(np.eye(4), (self.JOINTS, 1, 1)))
+
+
+class Swaying(Levels):
+    """A mesh that leans with its height, and over which a wave runs."""
+
+    RATE = 25.0
+
+    def __init__(self, faces: int) -> None:
+        vertices, triangles = nrs.shapes.displaced_icosphere(faces=faces)
+        self.height = ((vertices[:, 1] - vertices[:, 1].min()) / np.ptp(vertices[:, 1])).astype(np.float32)
+        mesh = nrs.NaniteMesh.from_arrays(vertices, triangles, channels={"height": self.height})
+        self.waves = [
+            nrs.Wave((0.2, 0, 0), 0.3, weight="height"),
+            nrs.Wave((0, 0, 0.03), 0.7, (0.0, 0.5, 0.0)),
+        ]
+        super().__init__(nrs.SwayingMesh(mesh, self.waves), vertices, triangles)
+
+    def move(self, step: int) -> None:
+        """Set the time."""
+        self.virtual.move(step / self.RATE)
+
+    def moved(self, step: int) -> np.ndarray:
+        """The displacement as it is written down."""
+        out = np.array(self.vertices, np.float32)
+        for wave in self.waves:
+            turns = wave.frequency * step / self.RATE + self.vertices @ np.array(wave.vector, np.float32)
+            weight = 1.0 if wave.weight is None else self.height
+            out += (weight * np.sin(2.0 * np.pi * turns))[:, None] * np.array(wave.amplitude, np.float32)
+        return out
+
+    def rest(self) -> None:
+        """Show the mesh itself."""
+        scene = self.scenes["virtual"] = nrs.Scene(ambient_light=(0.2, 0.2, 0.2))
+        scene.add(self.virtual.rest)
+
+
+def levels(kind: type[Walker | Swaying], runs: int) -> list[dict[str, object]]:
+    """Meshes that move, with levels of detail and without."""
+    return [kind(faces).row(runs) for faces in (100_000, 1_000_000)]
 
 
 def points(runs: int) -> list[dict[str, object]]:
@@ -288,7 +342,10 @@ def main() -> None:
         tables.table(rows),
         f"## Joints, {Walker.JOINTS} of them, a pose in every frame",
         "",
-        tables.table(joints(runs)),
+        tables.table(levels(Walker, runs)),
+        "## Waves, two of them, a time in every frame",
+        "",
+        tables.table(levels(Swaying, runs)),
         "## Three knots of 60,000 triangles each",
         "",
         tables.table(glass(runs)),

@@ -184,9 +184,9 @@ class Frame(_advice.Teaching):
 
         What the pixel shows was there, in the last frame of this renderer (of the same `View.id`) that was rendered
         with ``motion=True``: the camera may have moved, instances, and vertices by `TriangleMesh.update`,
-        `SkinnedMesh.pose` or `Points.update`. Points of a triangle keep their place on it. Zero where nothing is
-        covered, in a first frame and after one of another scene; what was not in the scene yet counts as if it had
-        stood still; NaN for what was at the camera or behind it.
+        `SkinnedMesh.pose`, `SwayingMesh.move` or `Points.update`. Points of a triangle keep their place on it. Zero
+        where nothing is covered, in a first frame and after one of another scene; what was not in the scene yet
+        counts as if it had stood still; NaN for what was at the camera or behind it.
 
         Raises
         ------

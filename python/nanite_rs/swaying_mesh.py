@@ -114,7 +114,7 @@ class SwayingMesh(Geometry, Moving):
     def __init__(self, mesh: NaniteMesh, waves: Iterable[Wave]) -> None:
         if not isinstance(mesh, NaniteMesh):
             raise DtypeError(f"mesh: expected a NaniteMesh, not {type(mesh).__name__}")
-        if isinstance(waves, str | bytes) or not isinstance(waves, Iterable):
+        if not isinstance(waves, Iterable):
             raise DtypeError(f"waves: expected a sequence of Wave, not {type(waves).__name__}")
         given = tuple(waves)
         for number, wave in enumerate(given):

@@ -107,8 +107,12 @@ def test_every_call_works_in_a_forked_child(tmp_path) -> None:
         waves = np.sin(np.linspace(0, 20, 64))[:, None] * np.cos(np.linspace(0, 30, 64)) * 0.1
         corners, sides = np.pad(square, [(0, 0), (0, 1)]), [[0, 1, 2], [0, 2, 3]]
         card = nrs.TriangleMesh(corners, sides, uvs=square, materials=look)
+        sway = [nrs.Wave((0.1, 0, 0), weight="x"), nrs.Wave((0, 0.1, 0), 0.3, (0.2, 0, 0))]
+        swaying = nrs.SwayingMesh(mesh, sway)
         calls = {
             "leaves": lambda: digest(nrs.foliage.to_geometry(card, wind=True).build().cut(error=0).vertices),
+            "swaying": lambda: (swaying.move(0.4), digest(swaying.cut(error=0.02).vertices))[1],
+            "new swaying": lambda: digest(nrs.SwayingMesh(mesh, sway).cut(error=0.02).vertices),
             "displace": lambda: digest(
                 nrs.displace(corners, sides, uvs=square, height=waves, tolerance=0.001).vertices
             ),
