@@ -369,7 +369,7 @@ def breeze(
     >>> mesh = nrs.foliage.to_geometry(card, wind=True).build(progress=False)
     >>> tree = nrs.SwayingMesh(mesh, nrs.foliage.breeze(mesh))
     >>> tree.move(0.4)
-    >>> 0 < tree.largest < 0.2
+    >>> 0 < tree.largest < 0.25
     True
     """
     if not isinstance(mesh, NaniteMesh):
@@ -388,9 +388,9 @@ def breeze(
     across = np.cross(way, axis)
     top = strength * float(np.ptp(mesh.bounds[:, get_args(Up).index(up)])) / 30.0
 
-    def wave(vector: NDArray[np.float64], frequency: float, weight: str, phase: str | None = None) -> Wave:
+    def wave(vector: NDArray[np.float64], frequency: float, weight: str, offset: str | None = None) -> Wave:
         x, y, z = vector.tolist()
-        return Wave((x, y, z), frequency, weight=weight, phase=phase)
+        return Wave((x, y, z), frequency, weight=weight, offset=offset)
 
     return [
         wave(top * way, 0.23, wind_channels.BEND),

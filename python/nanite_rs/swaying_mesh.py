@@ -38,7 +38,7 @@ class Wave:
         vertices turn together.
     weight : str, optional
         w: a floating-point channel of one column; 1 without one.
-    phase : str, optional
+    offset : str, optional
         p: a floating-point channel of one column, turns, from −4,096 to 4,096; 0 without one.
 
     Raises
@@ -51,14 +51,14 @@ class Wave:
     frequency: float = 1.0
     vector: tuple[float, float, float] = (0.0, 0.0, 0.0)
     weight: str | None = None
-    phase: str | None = None
+    offset: str | None = None
 
     def __post_init__(self) -> None:
         """Check what was given."""
         for name in ("amplitude", "vector"):
             object.__setattr__(self, name, _vector(getattr(self, name), name))
         object.__setattr__(self, "frequency", _checks.finite(self.frequency, "frequency"))
-        for name in ("weight", "phase"):
+        for name in ("weight", "offset"):
             if not isinstance(getattr(self, name), str | None):
                 raise DtypeError(
                     f"{name}: expected the name of a channel, not {type(getattr(self, name)).__name__}"
@@ -68,7 +68,7 @@ class Wave:
 class SwayingMesh(Geometry, Moving):
     """A mesh of any size with levels of detail, whose vertices follow waves.
 
-    A vertex at x goes to x + Σ aₖ wₖ sin 2π (fₖ t + pₖ + κₖ · x), where weights w and phases p are channels of
+    A vertex at x goes to x + Σ aₖ wₖ sin 2π (fₖ t + pₖ + κₖ · x), where weights w and offsets p are channels of
     the mesh, which building carries along as it does colours: what engines call world position offset. `move`
     sets the time t; cuts and frames then show the mesh as it is there. What they state of their error holds at
     any time: it is the error at rest, times one more than `lipschitz`, and what the channels of the level
@@ -90,7 +90,7 @@ class SwayingMesh(Geometry, Moving):
     Raises
     ------
     ArgumentError
-        A channel is not there, is none of one floating-point column, or has phases beyond 4,096 turns; the waves
+        A channel is not there, is none of one floating-point column, or has offsets beyond 4,096 turns; the waves
         take the mesh beyond what float64 holds.
 
     Examples
@@ -120,7 +120,7 @@ class SwayingMesh(Geometry, Moving):
         for number, wave in enumerate(given):
             if not isinstance(wave, Wave):
                 raise DtypeError(f"waves[{number}]: expected a Wave, not {type(wave).__name__}")
-        raw = [(wave.amplitude, wave.frequency, wave.vector, wave.weight, wave.phase) for wave in given]
+        raw = [(wave.amplitude, wave.frequency, wave.vector, wave.weight, wave.offset) for wave in given]
         self._start(mesh, given, mesh._core.waves(raw), 0.0)
 
     def _start(self, mesh: NaniteMesh, waves: tuple[Wave, ...], measured: CoreWaves, time: float) -> None:

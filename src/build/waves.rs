@@ -216,7 +216,7 @@ impl Swaying<'_> {
             }
         }
         if let Some(k) = phases.iter().position(|phase| *phase > MOST_TURNS) {
-            let message = format!("wave {k} has a phase of {} turns, more than {MOST_TURNS}", phases[k]);
+            let message = format!("wave {k} has an offset of {} turns, more than {MOST_TURNS}", phases[k]);
             return Err(Error::argument("waves", message));
         }
         // How much the displacement grows with position, as a part of it.

@@ -45,7 +45,7 @@ def waves_of(kind: str, size: float) -> list[nrs.Wave]:
         run = 2.0 / size
         return [nrs.Wave((0, a, 0), 0.5, (run, 0.3 * run, 0)), nrs.Wave((a, 0, a), 0.4, (0, run, 0), "bend")]
     return [
-        nrs.Wave((0.2 * a, 0, 0), 0.7, weight="bend", phase="phase"),
+        nrs.Wave((0.2 * a, 0, 0), 0.7, weight="bend", offset="phase"),
         nrs.Wave((0, a, 0), 0.2, weight="bend"),
     ]
 
@@ -55,7 +55,7 @@ def moved(vertices: np.ndarray, channels: dict, waves: list[nrs.Wave], time: flo
     out = vertices.copy()
     for wave in waves:
         weight = 1.0 if wave.weight is None else channels[wave.weight].astype(float)
-        phase = 0.0 if wave.phase is None else channels[wave.phase].astype(float)
+        phase = 0.0 if wave.offset is None else channels[wave.offset].astype(float)
         turns = wave.frequency * time % 1.0 + phase + vertices @ np.array(wave.vector)
         out += (weight * np.sin(2 * np.pi * turns))[:, None] * np.array(wave.amplitude)
     return out
@@ -325,8 +325,8 @@ def test_mistakes_are_named() -> None:
     for name, message in (("label", "found 1 of int64"), ("pair", "found 2 of float32")):
         with pytest.raises(nrs.ArgumentError, match=f'waves: channel "{name}": .*{message}'):
             nrs.SwayingMesh(wrong, [nrs.Wave((1, 0, 0), weight=name)])
-    with pytest.raises(nrs.ArgumentError, match="wave 1 has a phase of 1000000 turns"):
-        nrs.SwayingMesh(wrong, [nrs.Wave((1, 0, 0)), nrs.Wave((1, 0, 0), phase="far")])
+    with pytest.raises(nrs.ArgumentError, match="wave 1 has an offset of 1000000 turns"):
+        nrs.SwayingMesh(wrong, [nrs.Wave((1, 0, 0)), nrs.Wave((1, 0, 0), offset="far")])
 
 
 def test_trees_in_a_breeze() -> None:
