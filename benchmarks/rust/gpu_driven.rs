@@ -1,10 +1,11 @@
 //! The pipeline of "GPU-Driven Rendering Pipelines" (Haar and Aaltonen, SIGGRAPH 2015) beside the product's, on the CPU's
-//! stages: `cargo bench --bench gpu_driven [-- detail folder]`. Meshes have 8 to 12 · detail² triangles; the worst frame of each form
-//! and motion goes into the folder, wrong pixels red.
+//! stages: `cargo bench --bench gpu_driven [-- detail folder]`. Meshes have 8 to 12 · detail² triangles; the worst frame of
+//! each form and motion goes into the folder, wrong pixels red.
 //!
 //! Occlusion culling in one pass, against the depth of the last frame, beside the two passes: every picture is compared with
-//! that of a frame without occlusion culling, which the two passes must equal. Then a compacted index buffer with one draw beside the
-//! visible cluster list, whose pictures must be equal. Contestants take turns, another one first in every frame.
+//! that of a frame without occlusion culling, which the two passes must equal. Then a compacted index buffer with one draw
+//! beside the visible cluster list, whose pictures must be equal. Contestants take turns, another one first in every frame.
+//! `docs/occlusion.md` says what follows.
 
 use std::io::Write;
 use std::path::Path;

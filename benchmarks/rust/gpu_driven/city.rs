@@ -115,8 +115,8 @@ impl City {
 /// One of the vehicles, along its street: of every four, three pass the standing camera's street.
 fn vehicle(number: usize, step: usize) -> DAffine3 {
     let length = PITCH * f64::from(BLOCKS);
-    let lane = if number % 4 == 0 { number as i32 / 4 % 9 - 4 } else { 0 };
-    let forward = if number % 2 == 0 { 1.0 } else { -1.0 };
+    let lane = if number.is_multiple_of(4) { number as i32 / 4 % 9 - 4 } else { 0 };
+    let forward = if number.is_multiple_of(2) { 1.0 } else { -1.0 };
     let along = (1.618 * number as f64 + 0.5 * forward * step as f64).rem_euclid(length) - 0.5 * length;
     let at = DVec3::new(along, 0.3, PITCH * (f64::from(lane) + 0.5) + 0.25 * forward);
     DAffine3::from_translation(at) * DAffine3::from_scale(DVec3::new(0.45, 0.28, 0.18))
