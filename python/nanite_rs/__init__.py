@@ -9,7 +9,7 @@ from nanite_rs._core import __version__
 from nanite_rs._rig import Animation
 from nanite_rs.animation import save_animation
 from nanite_rs.assets import LoadedScene, load_scene
-from nanite_rs.building import build_file
+from nanite_rs.building import build_file, build_heightfield
 from nanite_rs.camera import (
     Camera,
     IntrinsicsCamera,
@@ -144,6 +144,7 @@ __all__ = [
     "__version__",
     "bake_imposter",
     "build_file",
+    "build_heightfield",
     "build_many",
     "compare",
     "decimate",

@@ -29,6 +29,7 @@ from nanite_rs import (
     _upload,
     _work_store,
     io,
+    terrain,
 )
 from nanite_rs._asset import Notes
 from nanite_rs._core import BlockBuild, build_memory
@@ -49,9 +50,12 @@ from nanite_rs.options import BuildOptions, no_options
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
-    from nanite_rs._progress import Progress
+    from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["build_file"]
+    from nanite_rs._progress import Progress
+    from nanite_rs.material import Look
+
+__all__ = ["build_file", "build_heightfield"]
 
 NumberingName: TypeAlias = Literal["piece", "all"]
 
@@ -204,6 +208,104 @@ def build_file(
     with _work_folder(target, within, storage_options) as (work, store):
         _build_in(source, shared, target, limit, options, work, store, resume, executor, progress)
     return NaniteMesh.open(target)
+
+
+def build_heightfield(
+    heights: ArrayLike,
+    path: io.PathLike,
+    *,
+    spacing: float | tuple[float, float] = 1.0,
+    tolerance: float,
+    nodata: float | None = None,
+    fit: bool = True,
+    piece: int = 2048,
+    memory: int | str = "4 GiB",
+    materials: Look | None = None,
+    options: BuildOptions | None = None,
+    folder: io.PathLike | None = None,
+    storage_options: Mapping[str, Any] | None = None,
+    progress: Progress = None,
+) -> NaniteMesh:
+    """Build a ``.nanite`` file of terrain that may be larger than memory, and open it.
+
+    Pieces of the array are triangulated by themselves, as by `heightfield`, and go to disk; `build_file` makes the
+    file. Which posts of the border between two pieces are vertices depends on the heights along it alone, and
+    they stay where they are: pieces have the same vertices there, bit for bit, and are one surface. No post is
+    farther from a cut than `Cut.error`: that has the tolerance and what files round positions by.
+
+    Parameters
+    ----------
+    heights, spacing, tolerance, nodata, fit
+        As in `heightfield`; `numpy.memmap` for what does not fit in memory.
+    path : path or URL
+        The file, ending in ``.nanite``, as in `build_file`.
+    piece : int
+        Posts of a side of a piece, 2 to 4,096. A piece takes some 100 bytes for each of its posts, 400 MB at 2,048.
+    memory, options
+        As in `build_file`. Pieces are not counted.
+    materials
+        As in `NaniteMesh.from_heightfield`.
+    folder : path, optional
+        Where folders for what does not fit are made: pieces, work folder and the file before its error is in it.
+        By default beside the file, and of a URL among temporary files.
+    storage_options, progress
+        As in `build_file`.
+
+    Returns
+    -------
+    NaniteMesh
+        The file, opened: that of a URL by it.
+
+    Raises
+    ------
+    ArgumentError, DtypeError, MeshError
+        As in `heightfield`.
+    FormatError, FileError, MissingFileError, AccessError, ServerError, DependencyError
+        As in `build_file`.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> x, y = np.meshgrid(np.linspace(-3, 3, 500), np.linspace(-3, 3, 500))
+    >>> hill = np.exp(-x * x - y * y)
+    >>> with TemporaryDirectory() as place:
+    ...     built = nrs.build_heightfield(hill, f"{place}/hill.nanite", tolerance=0.01, spacing=0.01, piece=200)
+    ...     bool(built.cut(error=0).error <= 0.01 + built.info["precision"])
+    True
+    """
+    path = _checks.path_of(path)
+    if _sources.ending(path) != io.NANITE_SUFFIX:
+        raise FormatError(f"{_sources.shown(path)}: the file must end in {io.NANITE_SUFFIX}")
+    if not isinstance(options, BuildOptions | None):
+        raise no_options(options)
+    ground = terrain.Ground(
+        heights,
+        spacing=spacing,
+        tolerance=tolerance,
+        nodata=nodata,
+        max_triangles=None,
+        fit=fit,
+        piece=piece,
+    )
+    looks = () if materials is None else several(materials, "materials")
+    if folder is not None:
+        within: str | Path | None = _checks.path_of(folder, "folder")
+    else:
+        within = None if _sources.is_url(path) else Path(path).parent
+
+    def pieces() -> Iterator[tuple[NDArray[np.float64], NDArray[np.uint32], dict[str, Any]]]:
+        for posts, values, faces in ground.parts():
+            vertices, uvs = ground.placed(posts, values)
+            yield vertices, faces, {"uvs": uvs}
+
+    with tempfile.TemporaryDirectory(prefix="nanite-", dir=within) as aside:
+        made = Path(aside) / f"terrain{io.NANITE_SUFFIX}"
+        mesh = build_file(pieces(), made, memory=memory, options=options, progress=progress)
+        # Known after the last piece.
+        mesh._core = mesh._core.with_source_error(ground.error)
+        mesh._materials = looks
+        mesh.save(path, storage_options=storage_options)
+    return NaniteMesh.open(path, storage_options=storage_options)
 
 
 @contextmanager

@@ -381,17 +381,19 @@ def _terrain(arguments: argparse.Namespace) -> int:
     heights = _heights(arguments.input)
     spacing = arguments.spacing[0] if len(arguments.spacing) == 1 else tuple(arguments.spacing)
     progress = False if arguments.quiet else None
-    mesh, seconds = _timed(
-        lambda: nrs.NaniteMesh.from_heightfield(
-            heights,
-            spacing=spacing,
-            tolerance=arguments.tolerance,
-            nodata=arguments.nodata,
-            options=_options(arguments),
-            progress=progress,
-        )
-    )
-    mesh.save(output)
+    how: dict[str, Any] = {
+        "spacing": spacing,
+        "tolerance": arguments.tolerance,
+        "nodata": arguments.nodata,
+        "options": _options(arguments),
+        "progress": progress,
+    }
+    memory = arguments.memory
+    if memory is None:
+        mesh, seconds = _timed(lambda: nrs.NaniteMesh.from_heightfield(heights, **how))
+        mesh.save(output)
+    else:
+        mesh, seconds = _timed(lambda: nrs.build_heightfield(heights, output, memory=memory, **how))
     if not arguments.quiet:
         posts = f"{heights.shape[0]:,} x {heights.shape[1]:,} posts"
         print(f"{output}: {mesh} of {posts}, in {_text.seconds(seconds)}")
@@ -903,6 +905,9 @@ def _add_terrain(commands: Any) -> None:
         "--spacing", type=float, nargs="+", default=[1.0], metavar="D", help="between columns, and rows (1)"
     )
     sub.add_argument("--nodata", type=float, metavar="H", help="what stands for no height")
+    sub.add_argument(
+        "--memory", metavar="SIZE", help="bytes that building may take, such as 4GiB: the rest is on disk"
+    )
     _add_building(sub)
 
 

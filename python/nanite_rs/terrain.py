@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 __all__ = ["HeightfieldMesh", "heightfield"]
+
+# Rows and columns of posts, their heights, and triangles of them.
+Part: TypeAlias = "tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.uint32]]"
 
 # Roles of posts, as the core has them.
 _NONE, _MEASURED, _OUTLINE = 0, 1, 2
@@ -107,43 +110,108 @@ def heightfield(
     >>> made.error <= 0.01 and len(made) < 1_000
     True
     """
-    array = heights if isinstance(heights, np.ndarray) else np.asarray(heights)
-    if array.dtype.kind not in "iuf":
-        raise DtypeError(f"heights: expected integers or floating-point numbers, not {array.dtype}")
-    if array.ndim != 2 or min(array.shape) < 2:
-        raise ArgumentError(f"heights: expected (H, W), 2 or more of each, found shape {array.shape}")
-    steps = np.resize(np.asarray(spacing, np.float64), 2)
-    if np.shape(spacing) not in ((), (2,)) or not (np.isfinite(steps).all() and (steps > 0.0).all()):
-        raise ArgumentError(f"spacing: expected one or two numbers above 0, not {spacing!r}")
-    if not _checks.not_negative(tolerance, "tolerance") > 0.0:
-        raise ArgumentError(f"tolerance: must be above 0, not {tolerance}")
-    if nodata is not None:
-        nodata = _checks.number(nodata, "nodata")
-    most = None if max_triangles is None else _checks.whole(max_triangles, "max_triangles", 2)
-    fit = _checks.truth(fit, "fit")
-    piece = _checks.whole(piece, "piece", 2, _MOST_POSTS)
+    ground = Ground(
+        heights,
+        spacing=spacing,
+        tolerance=tolerance,
+        nodata=nodata,
+        max_triangles=max_triangles,
+        fit=fit,
+        piece=piece,
+    )
+    return _joined(ground, list(ground.parts()))
 
-    rows, columns = array.shape
-    parts: list[dict[str, Any]] = []
-    lost = 0
-    # So that what is stated, rounded up, meets the tolerance.
-    aim = float(tolerance) * (1.0 - 1e-9)
-    pieces = list(_pieces(rows, columns, piece - 1))
-    for number, (top, bottom, left, right) in enumerate(pieces):
-        part, roles, alone = _read(array, (top, bottom, left, right), nodata)
-        lost += alone
-        if not roles.any():
-            continue
-        room = 2**32 - 1
-        if most is not None:
-            made_so_far = sum(len(p["triangles"]) for p in parts)
-            room = max((most - made_so_far) // (len(pieces) - number), 2)
-        made = _core.heightfield(part, roles, tolerance=aim, max_triangles=room, fit=fit)
-        made["places"] = made["places"].astype(np.int64)[:, ::-1] + (top, left)
-        parts.append(made)
-    if not any(len(made["triangles"]) for made in parts):
-        raise MeshError("heights: no three posts of a cell have heights")
-    return _joined(parts, lost, (rows, columns), steps, float(tolerance))
+
+class Ground:
+    """Heights and how to triangulate them, piece by piece; what was found is known after the last one."""
+
+    def __init__(
+        self,
+        heights: ArrayLike,
+        *,
+        spacing: float | tuple[float, float],
+        tolerance: float,
+        nodata: float | None,
+        max_triangles: int | None,
+        fit: bool,
+        piece: int,
+    ) -> None:
+        array = heights if isinstance(heights, np.ndarray) else np.asarray(heights)
+        if array.dtype.kind not in "iuf":
+            raise DtypeError(f"heights: expected integers or floating-point numbers, not {array.dtype}")
+        if array.ndim != 2 or min(array.shape) < 2:
+            raise ArgumentError(f"heights: expected (H, W), 2 or more of each, found shape {array.shape}")
+        steps = np.resize(np.asarray(spacing, np.float64), 2)
+        if np.shape(spacing) not in ((), (2,)) or not (np.isfinite(steps).all() and (steps > 0.0).all()):
+            raise ArgumentError(f"spacing: expected one or two numbers above 0, not {spacing!r}")
+        if not _checks.not_negative(tolerance, "tolerance") > 0.0:
+            raise ArgumentError(f"tolerance: must be above 0, not {tolerance}")
+        self._array, self._steps, self._tolerance = array, steps, float(tolerance)
+        self._nodata = None if nodata is None else _checks.number(nodata, "nodata")
+        self._most = None if max_triangles is None else _checks.whole(max_triangles, "max_triangles", 2)
+        self._fit = _checks.truth(fit, "fit")
+        self._side = _checks.whole(piece, "piece", 2, _MOST_POSTS)
+        self.lost, self.measured, self.triangles = 0, 0, 0
+        self._off, self._squares, self._size = 0.0, 0.0, 0.0
+
+    @property
+    def columns(self) -> int:
+        """Posts of a row."""
+        return int(self._array.shape[1])
+
+    @property
+    def error(self) -> float:
+        """The largest vertical distance of a post so far, rounded up."""
+        # What planes are rounded by when they are compared with posts.
+        rounding = self._size * 1e-14
+        return math.nextafter(self._off + rounding, math.inf) if self._off > 0.0 else rounding
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of these distances."""
+        return math.sqrt(self._squares / max(self.measured, 1))
+
+    def parts(self) -> Iterator[Part]:
+        """Triangulate all pieces that have posts; then raise or warn where there are none, or they are too far."""
+        # So that what is stated, rounded up, meets the tolerance.
+        aim = self._tolerance * (1.0 - 1e-9)
+        rows, columns = self._array.shape
+        pieces = list(_pieces(rows, columns, self._side - 1))
+        for number, place in enumerate(pieces):
+            part, roles, alone = _read(self._array, place, self._nodata)
+            self.lost += alone
+            if not roles.any():
+                continue
+            room = 2**32 - 1
+            if self._most is not None:
+                room = max((self._most - self.triangles) // (len(pieces) - number), 2)
+            made = _core.heightfield(part, roles, tolerance=aim, max_triangles=room, fit=self._fit)
+            # Posts of borders are measured in both pieces, with the same result.
+            self.measured += made["measured"]
+            self.triangles += len(made["triangles"])
+            self._off, self._squares = max(self._off, made["error"]), self._squares + made["squares"]
+            self._size = max(self._size, float(np.abs(made["heights"]).max(initial=0.0)))
+            posts = made["places"].astype(np.int64)[:, ::-1] + (place[0], place[2])
+            yield posts, made["heights"], made["triangles"]
+        if not self.triangles:
+            raise MeshError("heights: no three posts of a cell have heights")
+        if self.error > self._tolerance + self._size * 2e-14:
+            _advice.warn(
+                f"heightfield: the error is {self.error:.4g}, above the tolerance of {self._tolerance:g}, with "
+                f"{self.triangles:,} triangles",
+                UsageWarning,
+            )
+
+    def placed(
+        self, posts: NDArray[np.int64], values: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return positions and texture coordinates of vertices, which depend on each alone."""
+        rows, columns = self._array.shape
+        row, column = posts[:, 0], posts[:, 1]
+        return (
+            np.column_stack([column * self._steps[0], (rows - 1 - row) * self._steps[1], values]),
+            np.column_stack([(column + 0.5) / columns, 1.0 - (row + 0.5) / rows]),
+        )
 
 
 def _pieces(rows: int, columns: int, step: int) -> Iterator[tuple[int, int, int, int]]:
@@ -191,48 +259,28 @@ def _read(
     return np.ascontiguousarray(part[own]), np.ascontiguousarray(roles[own]), int(alone.sum())
 
 
-def _joined(
-    parts: list[dict[str, Any]],
-    lost: int,
-    shape: tuple[int, int],
-    steps: NDArray[np.float64],
-    tolerance: float,
-) -> HeightfieldMesh:
+def _joined(ground: Ground, parts: list[Part]) -> HeightfieldMesh:
     """One mesh of pieces, with each post of a border once."""
-    rows, columns = shape
-    places = np.concatenate([made["places"] for made in parts])
-    values = np.concatenate([made["heights"] for made in parts])
-    starts = np.cumsum([0] + [len(made["places"]) for made in parts[:-1]])
+    posts = np.concatenate([part[0] for part in parts])
+    values = np.concatenate([part[1] for part in parts])
+    starts = np.cumsum([0] + [len(part[0]) for part in parts[:-1]])
     faces = np.concatenate(
-        [made["triangles"].astype(np.int64) + first for made, first in zip(parts, starts, strict=True)]
+        [part[2].astype(np.int64) + first for part, first in zip(parts, starts, strict=True)]
     )
     if len(parts) > 1:
-        keys = places[:, 0] * columns + places[:, 1]
+        keys = posts[:, 0] * ground.columns + posts[:, 1]
         _, first, inverse = np.unique(keys, return_index=True, return_inverse=True)
-        places, values, faces = places[first], values[first], inverse[faces]
-    if len(places) >= 2**32:
+        posts, values, faces = posts[first], values[first], inverse[faces]
+    if len(posts) >= 2**32:
         raise MeshError("heights: the mesh is too large: more vertices than 32 bits count")
-    # Posts of borders are measured in both pieces, with the same result.
-    measured = sum(made["measured"] for made in parts)
-    error = max(made["error"] for made in parts)
-    size = float(np.abs(values).max(initial=0.0))
-    # What planes are rounded by when they are compared with posts.
-    error = math.nextafter(error + size * 1e-14, math.inf) if error > 0.0 else size * 1e-14
-    row, column = places[:, 0], places[:, 1]
-    made = HeightfieldMesh(
-        vertices=np.column_stack([column * steps[0], (rows - 1 - row) * steps[1], values]),
+    vertices, uvs = ground.placed(posts, values)
+    return HeightfieldMesh(
+        vertices=vertices,
         faces=faces.astype(np.uint32),
-        uvs=np.column_stack([(column + 0.5) / columns, 1.0 - (row + 0.5) / rows]),
-        posts=places,
-        error=error,
-        rms=math.sqrt(sum(made["squares"] for made in parts) / max(measured, 1)),
-        measured_posts=measured,
-        lost_posts=lost,
+        uvs=uvs,
+        posts=posts,
+        error=ground.error,
+        rms=ground.rms,
+        measured_posts=ground.measured,
+        lost_posts=ground.lost,
     )
-    if error > tolerance + size * 2e-14:
-        _advice.warn(
-            f"heightfield: the error is {error:.4g}, above the tolerance of {tolerance:g}, with {len(made):,} "
-            "triangles",
-            UsageWarning,
-        )
-    return made

@@ -7,6 +7,7 @@ import pytest
 import trimesh
 
 import nanite_rs as nrs
+from nanite_rs.terrain import Ground
 from oracles import data
 
 
@@ -146,6 +147,98 @@ def test_pieces_meet(tmp_path):
     assert ((border == 0) | (border == last)).any(axis=1).all()
     whole = nrs.heightfield(heights, tolerance=3.0)
     assert 0.8 * len(whole) < len(made) < 1.5 * len(whole)
+
+
+def borders(vertices, faces):
+    """Edges of one face, as rows of vertices at different positions, which all have their own rows then."""
+    places, numbers = np.unique(vertices, axis=0, return_inverse=True)
+    edges = np.sort(numbers.reshape(-1)[faces][:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    edges, counts = np.unique(edges, axis=0, return_counts=True)
+    assert counts.max() == 2
+    return places, edges[counts == 1]
+
+
+def test_pieces_have_the_same_vertices_at_their_borders():
+    """Bit for bit, as what joins them in files needs it."""
+    heights = hills(100, 130)
+    ground = Ground(
+        heights, spacing=(0.3, 0.7), tolerance=1.0, nodata=None, max_triangles=None, fit=True, piece=34
+    )
+    parts = [(posts, ground.placed(posts, values)) for posts, values, _ in ground.parts()]
+    assert len(parts) == 12
+    known, shared = {}, 0
+    for posts, (vertices, uvs) in parts:
+        for post, vertex, uv in zip(posts.tolist(), vertices, uvs, strict=True):
+            rows = vertex.tobytes() + uv.tobytes()
+            shared += tuple(post) in known
+            assert known.setdefault(tuple(post), rows) == rows
+    assert shared > 100
+    # On each border they are the same posts, too.
+    for line in (33, 66, 99):
+        sides = [{tuple(p) for p in posts.tolist() if p[1] == line} for posts, _ in parts]
+        each = [side for side in sides if side]
+        assert len(each) == 6
+        assert all(each[k] == each[k + 1] for k in (0, 2, 4))
+
+
+# A third of what building takes in memory, and all of it.
+@pytest.mark.parametrize("memory", ["400 kB", "4 GiB"])
+def test_files_of_terrain_are_one_surface_within_their_errors(memory, tmp_path):
+    heights = hills(260, 230).astype(np.float32)
+    heights.tofile(tmp_path / "heights")
+    stored = np.memmap(tmp_path / "heights", np.float32, "r", shape=heights.shape)
+    how = {"spacing": 10.0, "tolerance": 1.0, "piece": 70}
+    mesh = nrs.build_heightfield(stored, tmp_path / "hills.nanite", memory=memory, **how)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["heights", "hills.nanite"]
+    mesh.check()
+    made = nrs.heightfield(heights, **how)
+    assert len(mesh) == len(made)
+    y, x = np.mgrid[:260, :230]
+    points = np.column_stack([10.0 * x.ravel(), 10.0 * (259 - y.ravel()), heights.ravel()])[::31]
+    low, high = points.min(axis=0), points.max(axis=0)
+    for error in (0.0, 8.0, 30.0):
+        cut = mesh.cut(error=error)
+        assert cut.error >= made.error
+        _, distance, _ = trimesh.proximity.closest_point(cut.to_trimesh(), points)
+        assert distance.max() <= cut.error
+        # No crack: the border is that of the array.
+        places, edges = borders(cut.vertices, cut.faces)
+        ends = places[edges][:, :, :2]
+        near = np.minimum(np.abs(ends - low[:2]), np.abs(ends - high[:2])) <= cut.error + 10.0
+        assert near.any(axis=2).all()
+    # What is stated is the rounding of files and the largest distance of a post.
+    assert mesh.cut(error=0.0).error == mesh.info["rounding"]
+    assert mesh.info["rounding"] <= made.error + mesh.info["precision"]
+
+
+def test_files_of_terrain_keep_holes_materials_and_texture_coordinates(tmp_path):
+    heights = hills(120, 150)
+    y, x = np.mgrid[:120, :150]
+    heights[np.hypot(x - 71, y - 60) < 20] = -1.0e4
+    look = nrs.Material(base_color=(0.3, 0.5, 0.2), roughness=0.7)
+    how = {"tolerance": 1.0, "piece": 50, "nodata": -1.0e4}
+    mesh = nrs.build_heightfield(heights, tmp_path / "a.nanite", materials=look, **how)
+    made = nrs.heightfield(heights, **how)
+    assert mesh.materials == (look,)
+    cut = mesh.cut(error=0.0)
+    assert len(borders(cut.vertices, cut.faces)[1]) == len(borders(made.vertices, made.faces)[1])
+    expected = np.column_stack([(cut.vertices[:, 0] + 0.5) / 150, (cut.vertices[:, 1] + 0.5) / 120])
+    assert np.abs(cut.uvs[0] - expected).max() <= 2 * mesh.info["precision"] / 120
+
+
+def test_files_of_terrain_are_made_whole_or_not_at_all(tmp_path):
+    file = tmp_path / "a.nanite"
+    with pytest.raises(nrs.FormatError, match=r"must end in \.nanite"):
+        nrs.build_heightfield(hills(9, 9), tmp_path / "a.ply", tolerance=1.0)
+    with pytest.raises(nrs.ArgumentError, match="tolerance: must be above 0"):
+        nrs.build_heightfield(hills(9, 9), file, tolerance=0.0)
+    with pytest.raises(nrs.MeshError, match="no three posts"):
+        nrs.build_heightfield(np.full((9, 9), np.nan), file, tolerance=1.0)
+    holed = hills(90, 90)
+    holed[70, 70] = np.inf
+    with pytest.raises(nrs.ArgumentError, match="inf at row 70, column 70"):
+        nrs.build_heightfield(holed, file, tolerance=1.0, piece=40)
+    assert not list(tmp_path.iterdir())
 
 
 def test_no_data_may_be_a_value_or_masked():
