@@ -363,6 +363,7 @@ def _displace(arguments: argparse.Namespace) -> int:
     progress = False if arguments.quiet else None
     mesh = made.build(
         face_materials=source.face_materials,
+        face_channels=source.face_channels or None,
         materials=source.materials or None,
         options=_options(arguments),
         progress=progress,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, get_args
 
@@ -59,6 +60,7 @@ class DisplacedMesh:
         self,
         *,
         face_materials: ArrayLike | None = None,
+        face_channels: Mapping[str, ArrayLike] | None = None,
         materials: Look | None = None,
         options: BuildOptions | None = None,
         progress: Progress = None,
@@ -72,6 +74,9 @@ class DisplacedMesh:
         ----------
         face_materials : (F,) array of any integer type, optional
             Of the faces of the source.
+        face_channels : mapping of names to (F,) or (F, K) arrays, optional
+            Of the faces of the source, as in `NaniteMesh.from_arrays`; each face has those of the one that it is a
+            part of.
         materials, options, progress
             As in `NaniteMesh.from_arrays`.
 
@@ -79,27 +84,50 @@ class DisplacedMesh:
         ------
         MeshError, ArgumentError, DtypeError
             As in `NaniteMesh.from_arrays`.
+
+        Examples
+        --------
+        >>> corners = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], np.float64)
+        >>> heights = np.random.default_rng(0).random((16, 16))
+        >>> made = nrs.displace(
+        ...     corners, [[0, 1, 2], [0, 2, 3]], uvs=corners[:, :2], height=heights, tolerance=0.1, scale=0.1
+        ... )
+        >>> mesh = made.build(face_channels={"side": np.uint8([7, 9])})
+        >>> np.unique(mesh.cut(error=0).face_channels["side"]).tolist()
+        [7, 9]
         """
         if face_materials is not None:
-            face_materials = as_array(face_materials, "face_materials")
-            most = int(self.face_ids.max(initial=0))
-            if face_materials.ndim != 1 or len(face_materials) <= most:
-                raise ArgumentError(
-                    f"face_materials: expected one for each face of the source, found shape {face_materials.shape}"
+            face_materials = self._of_faces(face_materials, "face_materials")
+            if face_materials.ndim != 1:
+                raise ArgumentError(f"face_materials: expected (F,), found shape {face_materials.shape}")
+        if face_channels is not None:
+            if not isinstance(face_channels, Mapping):
+                raise DtypeError(
+                    f"face_channels: expected a mapping of names to arrays, not {type(face_channels).__name__}"
                 )
-            face_materials = face_materials[self.face_ids]
+            face_channels = {
+                name: self._of_faces(rows, f"face_channels[{name!r}]") for name, rows in face_channels.items()
+            }
         mesh = NaniteMesh.from_arrays(
             self.vertices,
             self.faces,
             normals=self.normals,
             uvs=self.uvs,
             face_materials=face_materials,
+            face_channels=face_channels,
             materials=materials,
             options=options,
             progress=progress,
         )
         mesh._core = mesh._core.with_source_error(self.error)
         return mesh
+
+    def _of_faces(self, value: ArrayLike, name: str) -> NDArray[Any]:
+        """Rows of the source's faces as rows of these."""
+        rows = np.asarray(value)
+        if rows.ndim == 0 or len(rows) <= int(self.face_ids.max(initial=0)):
+            raise ArgumentError(f"{name}: expected one for each face of the source, found shape {rows.shape}")
+        return rows[self.face_ids]
 
 
 def _texels(height: Texture | Image | ArrayLike | str | os.PathLike[str]) -> NDArray[Any]:

@@ -361,6 +361,33 @@ def test_errors_of_cuts_include_the_bound(tmp_path):
         assert farthest(points, coarse) <= coarse.error
 
 
+def test_faces_keep_materials_and_data_of_their_source():
+    v, f, uv = plane(3)
+    made = nrs.displace(v, f, uvs=uv, height=WAVES, scale=0.1, tolerance=2e-3, wrap="clamp")
+    labels = np.arange(len(f), dtype=np.uint16) + 100
+    pairs = np.column_stack([np.arange(len(f)), 3 * np.arange(len(f)) + 1]).astype(np.int32)
+    mesh = made.build(face_materials=np.arange(len(f)) % 2, face_channels={"label": labels, "pairs": pairs})
+    cut = mesh.cut(error=0)
+    # The source is flat: where a face lies in the plane says of which it is a part.
+    centers = cut.vertices[cut.faces].mean(axis=1) * [1, 1, 0]
+    for face, label, both, look in zip(
+        centers, cut.face_channels["label"], cut.face_channels["pairs"], cut.face_materials, strict=True
+    ):
+        row = int(label) - 100
+        inside = trimesh.triangles.points_to_barycentric(v[f[row]][None] * [1, 1, 0], face[None])
+        assert inside.min() > -1e-3
+        assert np.array_equal(both, pairs[row])
+        assert look == row % 2
+    with pytest.raises(nrs.ArgumentError, match=r"face_channels\['label'\]: expected one for each face"):
+        made.build(face_channels={"label": labels[:-1]})
+    with pytest.raises(nrs.ArgumentError, match="face_materials: expected one for each face"):
+        made.build(face_materials=np.zeros(2, int))
+    with pytest.raises(nrs.ArgumentError, match=r"face_materials: expected \(F,\)"):
+        made.build(face_materials=np.zeros((len(f), 2), int))
+    with pytest.raises(nrs.DtypeError, match="face_channels: expected a mapping"):
+        made.build(face_channels=labels)
+
+
 def test_pictures_are_heights():
     v, f, uv = plane(1)
     bytes_ = np.round(BUMP[::8, ::8] * 255).astype(np.uint8)
