@@ -1,19 +1,29 @@
 """Imposters against the cut for a pixel and the coarsest clusters: FLIP, silhouettes, memory, from 64 to 4 pixels.
 
-python -m benchmarks.python.imposters
+python -m benchmarks.python.imposters [--only geometry]
 
 All pictures have 16 samples a pixel, base colours lit by one light and some from everywhere, in linear light over
 grey. The reference is full detail at 512 × 512, averaged down. FLIP is its mean over pixels that either covers.
-A silhouette is the coverage of each pixel; its error the sum of all differences, by the reference's sum.
+A silhouette is the coverage of each pixel; its error the sum of all differences, by the reference's sum; the last
+number of a cell is the difference of the sums. Names with "geometry" are trees of cards by `nrs.foliage`.
+
+python -m benchmarks.python.imposters --cost [--counts 100_000 1_000_000] [--backend gpu]
+
+The cost of so many instances, none before the other, each so many pixels large: depth alone of the mesh, of its
+coarsest clusters, and of a quad, which is the least that an imposter costs. Each is drawn by a process of its own,
+frame by frame in turn.
 """
 
 from __future__ import annotations
 
 import argparse
+import multiprocessing
+import statistics
 import sys
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -24,6 +34,13 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests" / "python"))
 
 from oracles import data  # noqa: E402
+
+from . import foliage  # noqa: E402
+from .memory import _status  # noqa: E402
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from multiprocessing.connection import Connection
 
 SIZES = (64, 32, 16, 8, 4)
 REFERENCE, SAMPLES = 512, 4
@@ -40,6 +57,7 @@ FILES = {
         True,
     ),
 }
+COSTED = ("generated tree", "tree of modelled leaves", "geometry of quaternius_birch")
 METHODS = ("imposter", "imposter, tested", "cut for a pixel", "coarsest clusters")
 
 
@@ -52,23 +70,34 @@ def directions(count: int, *, full: bool) -> np.ndarray:
     return np.stack([flat * np.cos(around), y, flat * np.sin(around)], axis=1)
 
 
-def scenes() -> dict[str, tuple[nrs.Scene, bool]]:
-    out = {}
-    scene = nrs.Scene()
-    leaves = nrs.NaniteMesh.from_arrays(*nrs.shapes.foliage(faces=40_000), options=LEAVES)
-    scene.add(leaves, material=nrs.Material(base_color=(0.2, 0.45, 0.1), double_sided=True))
-    out["generated tree, 40,000 triangles"] = scene, False
+def scenes(only: str) -> Iterator[tuple[str, nrs.Scene, bool]]:
+    """Those with a part of their name: names, scenes, whether they are seen from below, too."""
+    name = "generated tree, 40,000 triangles"
+    if only in name:
+        leaves = nrs.NaniteMesh.from_arrays(*nrs.shapes.foliage(faces=40_000), options=LEAVES)
+        yield name, one(leaves, nrs.Material(base_color=(0.2, 0.45, 0.1), double_sided=True)), False
     shared = data.shared()
     if shared is None:
         print("real meshes are not there")
-        return out
-    for name, (path, options, full) in FILES.items():
+    for name, (path, options, full) in FILES.items() if shared is not None else ():
+        if only not in name:
+            continue
         scene = nrs.load_scene(shared / path, options=options).scene
         for node in scene.instances:
             looks = [node.material] if isinstance(node.material, nrs.Material) else node.material
             node.material = [tested(look) for look in looks]
-        out[name] = scene, full
-    return out
+        yield name, scene, full
+    for name, make in foliage.sources().items():
+        if only in f"geometry of {name}":
+            tree = make()
+            mesh = tree.build(progress=False)
+            yield f"geometry of {name}", one(mesh, [tested(look) for look in tree.materials]), False
+
+
+def one(mesh: nrs.NaniteMesh, material) -> nrs.Scene:
+    scene = nrs.Scene()
+    scene.add(mesh, material=material)
+    return scene
 
 
 def tested(look: nrs.Material) -> nrs.Material:
@@ -95,8 +124,8 @@ def drawn(renderer: nrs.Renderer, scene: nrs.Scene, camera, pose, pixel_error: f
     return lit(frame.base_color, frame.shading_normal, unlit=unlit), covered, frame.stats.triangles
 
 
-def differences(ours: np.ndarray, reference: np.ndarray) -> tuple[float, float]:
-    """FLIP and the error of the silhouette."""
+def differences(ours: np.ndarray, reference: np.ndarray) -> tuple[float, float, float]:
+    """FLIP, the error of the silhouette, and that of all that is covered."""
     pictures = []
     for light in (ours, reference):
         over = light[..., :3] + 0.5 * (1.0 - light[..., 3:])
@@ -104,7 +133,8 @@ def differences(ours: np.ndarray, reference: np.ndarray) -> tuple[float, float]:
     either = (ours[..., 3] > 0) | (reference[..., 3] > 0)
     flip = float(nrs.compare(*pictures).flip_map[either].mean())
     alpha = ours[..., 3], reference[..., 3]
-    return flip, float(np.abs(alpha[0] - alpha[1]).sum() / alpha[1].sum())
+    whole = float(alpha[1].sum())
+    return flip, float(np.abs(alpha[0] - alpha[1]).sum()) / whole, float(alpha[0].sum()) / whole - 1.0
 
 
 def root_bytes(scene: nrs.Scene) -> tuple[int, int]:
@@ -118,7 +148,15 @@ def root_bytes(scene: nrs.Scene) -> tuple[int, int]:
 
 
 def measure(
-    name: str, scene: nrs.Scene, *, full: bool, count: int, views: int, size: int, unlit: bool
+    name: str,
+    scene: nrs.Scene,
+    *,
+    full: bool,
+    count: int,
+    views: int,
+    size: int,
+    unlit: bool,
+    pixel_error: float,
 ) -> None:
     start = time.perf_counter()
     imposter = nrs.bake_imposter(scene, views=views, size=size, full_sphere=full)
@@ -139,7 +177,7 @@ def measure(
                 reference = averaged(color, covered, at)
                 picture = imposter.picture(camera, pose, SAMPLES * at, SAMPLES * at)
                 light = lit(picture.base_color, picture.normal, unlit=unlit)
-                near = drawn(renderers[at], scene, camera, pose, float(SAMPLES), unlit=unlit)
+                near = drawn(renderers[at], scene, camera, pose, SAMPLES * pixel_error, unlit=unlit)
                 coarse = drawn(renderers[at], scene, camera, pose, 1e30, unlit=unlit)
                 drawn_triangles[at].append(near[2])
                 pictures = {
@@ -157,9 +195,104 @@ def measure(
     for at in SIZES:
         cells = []
         for method in METHODS:
-            flip, outline = np.mean(found[method][at], axis=0)
-            cells.append(f"{flip:.3f}, {100 * outline:.1f} %")
+            flip, outline, whole = np.mean(found[method][at], axis=0)
+            cells.append(f"{flip:.3f}, {100 * outline:.1f} %, {100 * whole:+.1f} %")
         print(f"| {at} | {np.median(drawn_triangles[at]):,.0f} | " + " | ".join(cells) + " |", flush=True)
+
+
+# -------------------------------------------------------------------------------------------- cost of instances
+
+DRAWN = ("cut for a pixel", "coarsest clusters", "quad, opaque", "quad, tested")
+SIDE_FROM = np.array([0.6, 0.5, 0.8])
+
+
+def quad(imposter: nrs.Imposter, *, holes: bool) -> nrs.Scene:
+    """Two triangles as large as a view of an imposter, facing `SIDE_FROM`, with its picture or without."""
+    corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * imposter.radius
+    uvs = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32)
+    turn = imposter.pose(SIDE_FROM)[:3, :3]
+    at = corners @ turn.T + imposter.center
+    mesh = nrs.NaniteMesh.from_arrays(at, [[0, 1, 2], [0, 2, 3]], uvs=uvs, progress=False)
+    near = np.unravel_index(np.argmax(imposter.directions @ SIDE_FROM), (imposter.views, imposter.views))
+    texture = nrs.Texture(np.ascontiguousarray(imposter.layer("base_color")[near]))
+    mask = nrs.Material(base_color_texture=texture, alpha_mode="mask", double_sided=True)
+    return one(mesh, mask if holes else nrs.Material(double_sided=True))
+
+
+def drawer(pipe: Connection, what: str, only: str, at: int, count: int, backend: str) -> None:
+    """A process that draws so many instances whenever it is asked for a frame; then it says how long that took."""
+    name, source, full = next(scenes(only))
+    imposter = nrs.bake_imposter(source, views=12, size=64, full_sphere=full)
+    if what.startswith("quad"):
+        source = quad(imposter, holes=what == "quad, tested")
+    pose, radius = imposter.pose(SIDE_FROM), imposter.radius
+    nodes = [(node.mesh, node.material, node.pose) for node in source.instances]
+    side = int(np.ceil(np.sqrt(count)))
+    before, start = _status("VmRSS"), time.perf_counter()
+    scene = nrs.Scene()
+    for k in range(count):
+        x, y = k % side - (side - 1) / 2, k // side - (side - 1) / 2
+        for mesh, material, own in nodes:
+            moved = own.copy()
+            moved[:3, 3] += 2 * radius * (x * pose[:3, 0] + y * pose[:3, 1])
+            scene.add(mesh, pose=moved, material=material)
+    made = time.perf_counter() - start
+    camera = nrs.OrthographicCamera(side * radius, side * radius, znear=radius / 2)
+    error = 1e30 if what == "coarsest clusters" else 1.0
+    with nrs.Renderer(side * at, side * at, backend=backend) as renderer:
+        for step in iter(pipe.recv, None):
+            # A picture of its own each time, by a part of a pixel.
+            eye = pose.copy()
+            eye[:3, 3] += 0.1 * step * radius / at * (pose[:3, 0] + pose[:3, 1])
+            start = time.perf_counter()
+            frame = renderer.render(scene, camera, eye, pixel_error=error, depth_only=True)
+            assert (frame.depth > 0).any()
+            seconds = time.perf_counter() - start
+            stats = frame.stats
+            rows = {"seconds": seconds, "clusters": stats.clusters, "triangles": stats.triangles}
+            rows |= {"made": made, "grown": _status("VmRSS") - before, "name": name}
+            if backend != "cpu" and step == 0:
+                with nrs.Renderer(side * at, side * at, backend="cpu") as other:
+                    theirs = other.render(scene, camera, eye, pixel_error=error, depth_only=True).depth
+                rows["like the CPU's"] = bool(np.array_equal(frame.depth, theirs))
+            rows["stages"] = {s.stage: stats[s.stage].ms for s in stats}
+            del frame
+            pipe.send(rows)
+
+
+def cost(only: str, at: int, count: int, frames: int, backend: str) -> None:
+    """A table of one mesh, size and number of instances."""
+    context = multiprocessing.get_context("spawn")
+    children = {}
+    for what in DRAWN:
+        ours, theirs = context.Pipe()
+        child = context.Process(target=drawer, args=(theirs, what, only, at, count, backend))
+        child.start()
+        children[what] = child, ours
+    found: dict[str, list[dict]] = {what: [] for what in DRAWN}
+    for step in range(frames + 1):
+        for what, (_, pipe) in children.items():
+            pipe.send(step)
+            found[what].append(pipe.recv())
+    for child, pipe in children.values():
+        pipe.send(None)
+        child.join()
+    name = found[DRAWN[0]][0]["name"]
+    print(f"\n{name}, {count:,} instances of {at} pixels, {backend} backend, {frames} frames in turn")
+    print("| drawn | frame, ms | µs an instance | beside the cut | clusters | triangles | memory |")
+    print("|---|---|---|---|---|---|---|")
+    times = {what: statistics.median(row["seconds"] for row in rows[1:]) for what, rows in found.items()}
+    for what, rows in found.items():
+        last, seconds = rows[-1], times[what]
+        print(
+            f"| {what} | {1e3 * seconds:,.0f} | {1e6 * seconds / count:.2f} | {seconds / times[DRAWN[0]]:.2f} "
+            f"| {last['clusters']:,} | {last['triangles']:,} | {last['grown'] / 1e6:,.0f} MB |",
+            flush=True,
+        )
+    for what, rows in found.items():
+        stages = ", ".join(f"{stage} {ms:.0f}" for stage, ms in rows[-1]["stages"].items() if ms >= 0.5)
+        alike = "".join(f", {k}: {rows[0][k]}" for k in rows[0] if k == "like the CPU's")
+        print(f"  {what}: made in {rows[-1]['made']:.1f} s; {stages} ms{alike}", flush=True)
 
 
 def main() -> None:
@@ -168,12 +301,24 @@ def main() -> None:
     parser.add_argument("--views", type=int, default=12, help="of a side (%(default)s)")
     parser.add_argument("--size", type=int, default=64, help="texels of a view (%(default)s)")
     parser.add_argument("--unlit", action="store_true", help="base colours alone")
+    parser.add_argument("--pixel-error", type=float, default=1.0, help="of the cut (%(default)s)")
     parser.add_argument("--only", default="", help="part of a name")
+    parser.add_argument("--cost", action="store_true", help="instances instead of pictures")
+    parser.add_argument("--counts", type=int, nargs="+", default=[100_000, 1_000_000], help="of instances")
+    parser.add_argument("--sizes", type=int, nargs="+", default=[8, 4], help="pixels of an instance")
+    parser.add_argument("--frames", type=int, default=5, help="(%(default)s)")
+    parser.add_argument("--backend", default="cpu", help="of instances (%(default)s)")
     options = parser.parse_args()
-    for name, (scene, full) in scenes().items():
-        if options.only in name:
-            how = {"views": options.views, "size": options.size, "unlit": options.unlit}
-            measure(name, scene, full=full, count=options.directions, **how)
+    if options.cost:
+        for name in [options.only] if options.only else COSTED:
+            for count in options.counts:
+                for at in options.sizes:
+                    cost(name, at, count, options.frames, options.backend)
+        return
+    for name, scene, full in scenes(options.only):
+        how = {"views": options.views, "size": options.size, "unlit": options.unlit}
+        how["pixel_error"] = options.pixel_error
+        measure(name, scene, full=full, count=options.directions, **how)
 
 
 if __name__ == "__main__":
