@@ -35,6 +35,12 @@ pub const MAX_HISTORIES: usize = 64;
 /// Most visible clusters of a frame.
 pub const MAX_VISIBLE: usize = (1 << VISIBLE_BITS) - 1;
 
+/// Parts of assemblies that a frame draws one by one at most: some two gigabytes.
+pub const MAX_PARTS: usize = 1 << 22;
+
+/// Assemblies inside of each other at most.
+pub const ASSEMBLY_DEPTH: usize = 32;
+
 /// Screen coordinates beyond this many pixels are clipped, so that edge functions stay in range and snapping to 1/256
 /// pixel stays exact.
 pub const GUARD_BAND: f32 = 16_000.0;

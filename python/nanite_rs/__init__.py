@@ -8,6 +8,7 @@ from nanite_rs import _advice, foliage, measure, plot, shapes, viewer
 from nanite_rs._core import __version__
 from nanite_rs._rig import Animation
 from nanite_rs.animation import save_animation
+from nanite_rs.assembly import Assembly, AssemblyPart
 from nanite_rs.assets import LoadedScene, load_scene
 from nanite_rs.building import build_file, build_heightfield
 from nanite_rs.camera import (
@@ -57,7 +58,15 @@ from nanite_rs.renderer import Calibration, Renderer, StreamWarning, TextureWarn
 from nanite_rs.report import BuildReport, CheckReport, LevelReport, RebakedPart, StuckGroup, TilesReport
 from nanite_rs.scene import LightNode, MeshNode, Scene
 from nanite_rs.skinned_mesh import SkinnedMesh
-from nanite_rs.stats import FrameStats, ShadowCascade, ShadowStats, StageStats, StreamStats, TrafficStats
+from nanite_rs.stats import (
+    AssemblyStats,
+    FrameStats,
+    ShadowCascade,
+    ShadowStats,
+    StageStats,
+    StreamStats,
+    TrafficStats,
+)
 from nanite_rs.strokes import Lines, Points
 from nanite_rs.swaying_mesh import SwayingMesh, Wave
 from nanite_rs.terrain import HeightfieldMesh, heightfield
@@ -70,6 +79,9 @@ __all__ = [
     "AccessError",
     "Animation",
     "ArgumentError",
+    "Assembly",
+    "AssemblyPart",
+    "AssemblyStats",
     "BackendError",
     "BuildOptions",
     "BuildReport",

@@ -47,7 +47,9 @@ def checked(items: Iterable[Any]) -> list[Item]:
 def _chunks(items: Sequence[Item], start: int, most: int) -> Iterator[slice]:
     """Items from one on that follow each other and show one scene."""
     for end in range(start + 1, len(items) + 1):
-        if end == len(items) or end - start == most or items[end][0] is not items[start][0]:
+        # What assemblies become is one choice for all views of a call.
+        alone = items[start][0]._core.assembly_count > 0
+        if end == len(items) or end - start == most or items[end][0] is not items[start][0] or alone:
             yield slice(start, end)
             start = end
 

@@ -12,6 +12,7 @@ from nanite_rs._asset import Asset, Notes, Part, Source
 from nanite_rs._export_packing import Packing
 from nanite_rs._export_parts import Arrays, Document
 from nanite_rs._flatten import flattened
+from nanite_rs.assembly import Placed, placed
 from nanite_rs.exceptions import ArgumentError
 from nanite_rs.material import several
 from nanite_rs.mesh import NaniteMesh
@@ -19,7 +20,7 @@ from nanite_rs.strokes import Lines, Points
 from nanite_rs.triangle_mesh import TriangleMesh
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable
+    from collections.abc import Hashable, Iterable
 
     from numpy.typing import NDArray
 
@@ -45,19 +46,25 @@ def export(
     shown = [node for node in scene.instances if node.visible]
     if not shown:
         raise ArgumentError("export: the scene shows no mesh")
+    parts = all_placed(shown)
     notes = Notes()
     unwritten(scene, notes)
     cuts = _Cuts(error, reduction)
     if ending in _export.DOCUMENTS:
         document = _export.DOCUMENTS[ending](notes, path, packing)
-        _fill(document, scene, shown, cuts, notes)
+        _fill(document, scene, parts, cuts, notes)
         files = document.files()
     else:
-        files = _export.files_of(_joined(path, shown, cuts, notes), path, notes)
+        files = _export.files_of(_joined(path, parts, cuts, notes), path, notes)
         if any(light.visible for light in scene.lights):
             notes.add("lights")
     _export.write(files)
     notes.warn(path)
+
+
+def all_placed(nodes: Iterable[MeshNode]) -> list[Placed]:
+    """What instances show, assemblies part by part."""
+    return [one for n in nodes for one in placed(n.mesh, n.pose, n.material, n.instance_id)]
 
 
 def unwritten(scene: Scene, notes: Notes) -> None:
@@ -77,7 +84,7 @@ class _Cuts:
         self._error, self._reduction = error, reduction
         self._known: dict[Hashable, tuple[Shape, Cut]] = {}
 
-    def of(self, node: MeshNode) -> Cut:
+    def of(self, node: Placed) -> Cut:
         """Return the cut of an instance; errors are in units of the world."""
         mesh, error = node.mesh, 0.0
         if isinstance(mesh, TriangleMesh):
@@ -114,7 +121,7 @@ def with_levels(mesh: TriangleMesh) -> NaniteMesh:
 # -------------------------------------------------------------------------------------------------- nodes
 
 
-def _fill(document: Document, scene: Scene, shown: list[MeshNode], cuts: _Cuts, notes: Notes) -> None:
+def _fill(document: Document, scene: Scene, shown: list[Placed], cuts: _Cuts, notes: Notes) -> None:
     """Add what is visible to a document."""
     known: dict[Hashable, int] = {}
     for node in shown:
@@ -174,10 +181,10 @@ def _turned(surface: Arrays, turn: NDArray[np.float64]) -> Arrays:
 def described(name: str, scene: Scene) -> Asset:
     """Describe all meshes that a scene shows, at full detail."""
     shown = [node for node in scene.instances if node.visible]
-    return _described(name, shown, _Cuts(0.0, None), Notes())[0]
+    return _described(name, all_placed(shown), _Cuts(0.0, None), Notes())[0]
 
 
-def _described(path: str, shown: list[MeshNode], cuts: _Cuts, notes: Notes) -> tuple[Asset, bool]:
+def _described(path: str, shown: list[Placed], cuts: _Cuts, notes: Notes) -> tuple[Asset, bool]:
     """Describe instances; and whether all positions are in single precision."""
     asset = Asset(path, notes=notes)
     single = True
@@ -203,7 +210,7 @@ def _described(path: str, shown: list[MeshNode], cuts: _Cuts, notes: Notes) -> t
     return asset, single
 
 
-def _joined(path: str, shown: list[MeshNode], cuts: _Cuts, notes: Notes) -> Arrays:
+def _joined(path: str, shown: list[Placed], cuts: _Cuts, notes: Notes) -> Arrays:
     """Return all instances where they stand, as one surface."""
     asset, single = _described(path, shown, cuts, notes)
     source = flattened(asset)

@@ -103,7 +103,10 @@ def _built(cut: Cut) -> NaniteMesh:
 
 
 class Frozen:
-    """Stands in a scene for the instances that a frame shows, until `thaw`. Points and lines stay as they are."""
+    """Stands in a scene for the instances that a frame shows, until `thaw`.
+
+    Points, lines and assemblies stay as they are.
+    """
 
     def __init__(self, scene: Scene, frame: Frame, view: View, pixel_error: float) -> None:
         self.view, self.pixel_error = view, pixel_error

@@ -37,7 +37,9 @@ def kept(
     names = ("depth",) if depth_only else (*_ALWAYS, *(name for name in asked_for if name in _ARRAYS))
     arrays = {name: made[name] if name in made else getattr(core, name)() for name in dict.fromkeys(names)}
     arrays |= {name: made[name] for name in _ARRAYS if name in made}
-    return KeptFrame(arrays, core.size, core.stages(), core.stream(), core.totals(), core.shadows())
+    return KeptFrame(
+        arrays, core.size, core.stages(), core.stream(), core.totals(), core.shadows(), core.assemblies()
+    )
 
 
 class KeptFrame:
@@ -51,9 +53,10 @@ class KeptFrame:
         stream: Any,
         totals: Any,
         shadows: Any,
+        assemblies: Any,
     ) -> None:
         self._arrays, self.size = arrays, size
-        self._counts = stages, stream, totals, shadows
+        self._counts = stages, stream, totals, shadows, assemblies
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle all there is."""
@@ -74,6 +77,10 @@ class KeptFrame:
     def shadows(self) -> Any:
         """As the frame had it."""
         return self._counts[3]
+
+    def assemblies(self) -> Any:
+        """As the frame had it."""
+        return self._counts[4]
 
     def view(self, name: str, *_: Any) -> NDArray[Any]:
         """Refuse: views are made of the renderer's memory."""

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from nanite_rs import _core, _paint
+from nanite_rs.assembly import Assembly
 from nanite_rs.exceptions import ArgumentError, StaleHandleError
 from nanite_rs.scene import MeshNode
 
@@ -36,7 +37,8 @@ class Pick:
     face_id: int
     """Row of the source ``faces``, or −1 as for `Frame.face_id`; −1 while the cut is frozen."""
     level: int
-    """Level of detail of the cluster: times its surface was simplified, 0 for the source."""
+    """Level of detail of the cluster: times its surface was simplified, 0 for the source; −1 in an assembly, where
+    `error` and `pixels` are NaN."""
     group: int
     """Number of the group that the cluster is simplified with; −1 for a root."""
     page: int
@@ -122,10 +124,15 @@ def picked(shown: ViewFrame, scene: Scene, tables: ClusterTables, x: float, y: f
         return None
     node = node_of(scene, instance)
     cluster = int(shown.ids.cluster[row, column])
-    table = tables.of(node)
-    at = int(np.searchsorted(table["id"], cluster))
-    error = max(float(table["error"][at]), 0.0)
     px, py, pz = (float(c) for c in point_at(shown.view, column, row, depth))
+    level, group, error, pixels = -1, -1, math.nan, math.nan
+    # Of an assembly no frame tells which of its meshes a pixel shows.
+    if not isinstance(node.mesh, Assembly):
+        table = tables.of(node)
+        at = int(np.searchsorted(table["id"], cluster))
+        level, group = int(table["level"][at]), int(table["group"][at])
+        error = max(float(table["error"][at]), 0.0)
+        pixels = projected(shown.view, node, table["sphere"][at], error)
     return Pick(
         x=column,
         y=row,
@@ -133,11 +140,11 @@ def picked(shown: ViewFrame, scene: Scene, tables: ClusterTables, x: float, y: f
         cluster_id=cluster,
         triangle_id=int(shown.ids.triangle[row, column]),
         face_id=-1 if shown.frozen else int(shown.frame.face_id[row, column]),
-        level=int(table["level"][at]),
-        group=int(table["group"][at]),
+        level=level,
+        group=group,
         page=cluster >> _paint.PAGE_BITS,
         error=error,
-        pixels=projected(shown.view, node, table["sphere"][at], error),
+        pixels=pixels,
         position=(px, py, pz),
         depth=depth,
     )

@@ -10,7 +10,14 @@ import numpy as np
 
 from nanite_rs import _advice, _checks, _core, _images, _kept
 from nanite_rs.exceptions import ArgumentError, FormatError, NaniteError, UsageWarning
-from nanite_rs.stats import FrameStats, ShadowCascade, ShadowStats, StageStats, StreamStats
+from nanite_rs.stats import (
+    AssemblyStats,
+    FrameStats,
+    ShadowCascade,
+    ShadowStats,
+    StageStats,
+    StreamStats,
+)
 
 if TYPE_CHECKING:
     import os
@@ -253,12 +260,18 @@ class Frame(_advice.Teaching):
 
     @cached_property
     def instance_id(self) -> NDArray[np.int32]:
-        """``MeshNode.instance_id`` of what is shown, (H, W) int32; −1 where nothing is covered."""
+        """``MeshNode.instance_id`` of what is shown, (H, W) int32; −1 where nothing is covered.
+
+        All parts of an assembly have that of the instance of the assembly.
+        """
         return self._frame.instance_id()
 
     @cached_property
     def cluster_id(self) -> NDArray[np.uint32]:
-        """Address of the cluster inside its mesh, (H, W) uint32; 0xFFFFFFFF where nothing is covered."""
+        """Address of the cluster inside its mesh, (H, W) uint32; 0xFFFFFFFF where nothing is covered.
+
+        Of an assembly that is the mesh of a part, or the far mesh.
+        """
         return self._frame.cluster_id()
 
     @cached_property
@@ -299,12 +312,15 @@ class Frame(_advice.Teaching):
             counts, (mark, draw), cascades = found
             fitted = tuple(ShadowCascade(*cascade) for cascade in cascades)
             shadows = ShadowStats(**dict(counts), mark_ms=mark, draw_ms=draw, cascades=fitted)
+        walk = self._frame.assemblies()
+        assemblies = None if walk is None else AssemblyStats(**dict(walk[0]), ms=walk[1])
         return FrameStats(
             stages=stages,
             total_ms=total_ms,
             raster=raster,
             stream=streamed,
             shadows=shadows,
+            assemblies=assemblies,
             **dict(totals),
         )
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from nanite_rs import _advice, _batch, _checks, _core, _unseen
 from nanite_rs._geometry import Geometry
+from nanite_rs.assembly import Assembly
 from nanite_rs.camera import Camera, IntrinsicsCamera
 from nanite_rs.exceptions import ArgumentError, DtypeError, NaniteError, UsageWarning
 from nanite_rs.frame import Frame
@@ -777,7 +778,11 @@ def _unlit(scene: Scene, shading: str) -> str:
         return ""
     # What wants no light. Of very many the first will do.
     shown = islice(scene._shown.values(), 1000)
-    looks = (look for shape, look in shown if isinstance(shape, Geometry))
+    looks = (
+        shape.far._default_look() if isinstance(shape, Assembly) else look
+        for shape, look in shown
+        if isinstance(shape, Geometry | Assembly)
+    )
     if all(one.unlit for look in looks for one in several(look, "material")):
         return ""
     if scene.environment is None:

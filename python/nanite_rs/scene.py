@@ -15,6 +15,7 @@ import numpy as np
 
 from nanite_rs import _advice, _checks, _core, _export_scene
 from nanite_rs._geometry import Moving
+from nanite_rs.assembly import Assembly, poses_of
 from nanite_rs.exceptions import ArgumentError, DtypeError, StaleHandleError, UsageWarning
 from nanite_rs.light import DirectionalLight, Environment, Light, PointLight, SpotLight
 from nanite_rs.material import Look, Material, several
@@ -39,7 +40,7 @@ if TYPE_CHECKING:
 __all__ = ["LightNode", "MeshNode", "Scene"]
 
 Handle: TypeAlias = tuple[int, int]
-Shown: TypeAlias = NaniteMesh | SkinnedMesh | SwayingMesh | TriangleMesh | Points | Lines
+Shown: TypeAlias = NaniteMesh | SkinnedMesh | SwayingMesh | TriangleMesh | Points | Lines | Assembly
 """What an instance may be of."""
 
 
@@ -60,7 +61,7 @@ def _advised(error: ArgumentError, pose: ArrayLike | None) -> ArgumentError:
 
 def _shown(item: object) -> Shown | None:
     """A mesh, points or lines as they are, or those of trimesh, which need not be there."""
-    if isinstance(item, NaniteMesh | SkinnedMesh | SwayingMesh | TriangleMesh | Points | Lines):
+    if isinstance(item, NaniteMesh | SkinnedMesh | SwayingMesh | TriangleMesh | Points | Lines | Assembly):
         return item
     module = sys.modules.get("trimesh")
     if module is None:
@@ -183,12 +184,17 @@ class MeshNode(_Node):
 
     @property
     def material(self) -> Look:
-        """The look: a material, or those of the mesh's ``face_materials`` by number; assign to change it."""
+        """The look: a material, or those of the mesh's ``face_materials`` by number; assign to change it.
+
+        Empty for an assembly, whose parts have their own.
+        """
         self._scene._core.pose(self._handle)  # stale handles raise
         return self._scene._shown[self._handle][1]
 
     @material.setter
     def material(self, material: Look) -> None:
+        if isinstance(self._mesh, Assembly):
+            raise _no_look()
         self._scene._core.set_material(self._handle, self._mesh._looks(material))
         self._scene._look_for_alpha(material)
         self._scene._shown[self._handle] = self._mesh, material
@@ -210,6 +216,10 @@ class MeshNode(_Node):
             f"<MeshNode {self.instance_id}: {len(self._mesh):,} {self._mesh._ELEMENTS} at "
             f"({x:g}, {y:g}, {z:g}){hidden}>"
         )
+
+
+def _no_look() -> ArgumentError:
+    return ArgumentError("material: the parts of an assembly have their own; give them with the parts")
 
 
 def _corners(node: MeshNode) -> NDArray[np.float64]:
@@ -343,11 +353,11 @@ class Scene(_advice.Teaching):
         pose: ArrayLike | None = None,
         material: Look | None = None,
     ) -> MeshNode | LightNode:
-        """Add an instance of a mesh, of points or of lines, or a light.
+        """Add an instance of a mesh, of an assembly, of points or of lines, or a light.
 
         Parameters
         ----------
-        item : NaniteMesh, SkinnedMesh, SwayingMesh, TriangleMesh, Points, Lines or a light
+        item : NaniteMesh, SkinnedMesh, SwayingMesh, TriangleMesh, Assembly, Points, Lines or a light
             What to add. It is shared, not copied. Of a `trimesh.Trimesh` a `TriangleMesh` is made, of a
             `trimesh.PointCloud` `Points`, of a `trimesh.path.Path3D` `Lines`.
         pose : (4, 4) array, optional
@@ -377,6 +387,15 @@ class Scene(_advice.Teaching):
             The first time that an opaque material has alpha below 1: it is drawn opaque.
         """
         mesh = _shown(item)
+        if isinstance(mesh, Assembly):
+            if material is not None and material != ():
+                raise _no_look()
+            try:
+                handle = self._core.add_assembly(mesh._core, _pose(pose))
+            except ArgumentError as error:
+                raise _advised(error, pose) from None
+            self._shown[handle] = mesh, ()
+            return MeshNode(self, handle, mesh)
         if mesh is not None:
             if material is None:
                 material = mesh._default_look()
@@ -397,6 +416,65 @@ class Scene(_advice.Teaching):
             self._shining[handle] = item
             return LightNode(self, handle)
         raise _no_item(item)
+
+    def add_many(
+        self,
+        item: Shown | trimesh.Trimesh | trimesh.PointCloud | trimesh.path.Path3D,
+        poses: ArrayLike,
+        *,
+        material: Look | None = None,
+    ) -> list[MeshNode]:
+        """Add an instance at each of many poses, in one call: a hundred thousand take a fraction of a second.
+
+        Parameters
+        ----------
+        item : NaniteMesh, SkinnedMesh, TriangleMesh, Assembly, Points or Lines
+            What to add, as for `add`. Of what is made of a mesh of trimesh there is one.
+        poses : (N, 4, 4) array
+            Object-to-world matrices.
+        material : Material or sequence of Material, optional
+            The look of all instances, as for `add`.
+
+        Returns
+        -------
+        list of MeshNode
+            In the order of the poses.
+
+        Raises
+        ------
+        ArgumentError, DtypeError
+            As in `add`; the message names the pose. Nothing is added then.
+
+        Examples
+        --------
+        >>> scene = nrs.Scene(ambient_light=(1, 1, 1))
+        >>> poses = np.tile(np.eye(4), (1_000, 1, 1))
+        >>> poses[:, 0, 3] = 3.0 * np.arange(1_000)
+        >>> nodes = scene.add_many(nrs.NaniteMesh.from_arrays(*nrs.shapes.icosphere(faces=80)), poses)
+        >>> len(nodes) == len(scene) == 1_000
+        True
+        """
+        mesh = _shown(item)
+        if mesh is None:
+            raise _no_item(item)
+        array = poses_of(poses, "poses")
+        if isinstance(mesh, Assembly):
+            if material is not None and material != ():
+                raise _no_look()
+            look: Look = ()
+            handles = self._core.add_assemblies(mesh._core, array)
+        else:
+            look = mesh._default_look() if material is None else material
+            self._look_for_alpha(look)
+            try:
+                handles = self._core.add_meshes(mesh._core, array, mesh._looks(look))
+            except ArgumentError as error:
+                raise _advised(error, None) from None
+        self._shown.update(dict.fromkeys(handles, (mesh, look)))
+        if isinstance(mesh, Moving):
+            self._moving.setdefault(mesh, set()).update(handles)
+            mesh._scenes.add(self)
+        return [MeshNode(self, handle, mesh) for handle in handles]
 
     def _look_for_alpha(self, material: Look) -> None:
         """Say once that an opaque material has alpha, which says nothing there."""

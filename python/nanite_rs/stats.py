@@ -11,7 +11,7 @@ from nanite_rs._notebook import pairs, table
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-__all__ = ["FrameStats", "ShadowStats", "StageStats", "StreamStats", "TrafficStats"]
+__all__ = ["AssemblyStats", "FrameStats", "ShadowStats", "StageStats", "StreamStats", "TrafficStats"]
 
 
 @dataclass(frozen=True)
@@ -176,6 +176,32 @@ class ShadowStats:
 
 
 @dataclass(frozen=True)
+class AssemblyStats:
+    """What became of the instances of an `Assembly`: of all views of a call together."""
+
+    walked: int
+    """Assemblies that were looked at: instances of the scene, and those inside of others that were expanded."""
+    outside: int
+    """Those that no view sees, or that are hidden."""
+    far: int
+    """Those that were drawn as one mesh."""
+    expanded: int
+    """Those that were drawn by their parts."""
+    parts: int
+    """Instances of meshes that these gave to the stages."""
+    changed: int
+    """Of these, those that the frame before did not have in the same place; making them is most of the time."""
+    ms: float
+    """Time of all that, milliseconds."""
+
+    def __str__(self) -> str:
+        return (
+            f"{self.walked:,} assemblies: {self.outside:,} outside, {self.far:,} as one mesh, {self.expanded:,} "
+            f"expanded to {self.parts:,} parts ({self.changed:,} of them new); {self.ms:.2f} ms"
+        )
+
+
+@dataclass(frozen=True)
 class FrameStats:
     """What a frame cost and skipped: ``print(stats)`` shows a table, ``stats["shade"]`` is one stage."""
 
@@ -221,6 +247,8 @@ class FrameStats:
     """What streaming did; None where nothing is streamed."""
     shadows: ShadowStats | None = None
     """What shadows cost; None without."""
+    assemblies: AssemblyStats | None = None
+    """What became of assemblies; None where the scene has none."""
 
     def __getitem__(self, stage: str) -> StageStats:
         """Return a stage by name, both passes taken together."""
@@ -238,13 +266,15 @@ class FrameStats:
 
     def as_dict(self) -> dict[str, float]:
         """Return the totals and, as ``<stage>_ms``, the time of each stage, for tables and data frames."""
-        totals = {k: v for k, v in vars(self).items() if k not in {"stages", "raster", "stream", "shadows"}}
+        apart = {"stages", "raster", "stream", "shadows", "assemblies"}
+        totals = {k: v for k, v in vars(self).items() if k not in apart}
         times: dict[str, float] = {}
         for s in self.stages:
             times[f"{s.stage}_ms"] = times.get(f"{s.stage}_ms", 0.0) + s.ms
         stream = {f"stream_{k}": v for k, v in vars(self.stream).items()} if self.stream else {}
         numbers = {k: v for k, v in vars(self.shadows).items() if k != "cascades"} if self.shadows else {}
-        return totals | times | stream | {f"shadow_{k}": v for k, v in numbers.items()}
+        walk = {f"assemblies_{k}": v for k, v in vars(self.assemblies).items()} if self.assemblies else {}
+        return totals | times | stream | {f"shadow_{k}": v for k, v in numbers.items()} | walk
 
     def __str__(self) -> str:
         lines = [f"{'stage':<14}{'received':>16}{'passed on':>16}   {'of':<28}{'ms':>9}"]
@@ -264,6 +294,8 @@ class FrameStats:
             lines.append(str(self.stream))
         if self.shadows is not None:
             lines.append(str(self.shadows))
+        if self.assemblies is not None:
+            lines.append(str(self.assemblies))
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:
@@ -294,6 +326,8 @@ class FrameStats:
             totals.append(("streamed", str(self.stream)))
         if self.shadows is not None:
             totals.append(("shadows", str(self.shadows)))
+        if self.assemblies is not None:
+            totals.append(("assemblies", str(self.assemblies)))
         return pairs(totals) + table(head, rows, text=(0, 2, 4))
 
     def __repr__(self) -> str:

@@ -301,3 +301,17 @@ pub(super) fn matrix4(value: &Bound<'_, PyAny>, argument: &'static str) -> PyRes
     }
     Ok(matrix)
 }
+
+/// 4×4 matrices of f64 from an (N, 4, 4) array, C-contiguous. What is in them is for others to check.
+pub(super) fn matrices(value: &Bound<'_, PyAny>, argument: &'static str) -> PyResult<Vec<[[f64; 4]; 4]>> {
+    let py = value.py();
+    let array = untyped(value, argument)?;
+    if array.ndim() != 3 || array.shape()[1..] != [4, 4] {
+        let message = format!("expected shape (N, 4, 4), found {:?}", array.shape());
+        return Err(argument_error(py, argument, message));
+    }
+    let array = value.extract::<PyReadonlyArrayDyn<'_, f64>>();
+    let array = array.map_err(|_| dtype_error(py, argument, "expected float64"))?;
+    let numbers = array.as_slice().map_err(|_| dtype_error(py, argument, "expected a contiguous array"))?;
+    Ok(bytemuck::cast_slice::<f64, [[f64; 4]; 4]>(numbers).to_vec())
+}

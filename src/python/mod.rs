@@ -2,6 +2,7 @@
 //! defaults, is Python over it (`python/nanite_rs/`).
 
 mod arrays;
+mod assembly;
 mod basis;
 mod blocks;
 mod calls;
@@ -83,6 +84,8 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<remote::Answers>()?;
     module.add_class::<image::Image>()?;
     module.add_class::<image::EnvironmentMap>()?;
+    module.add_class::<assembly::Assembly>()?;
+    module.add_function(wrap_pyfunction!(assembly::check_poses, module)?)?;
     module.add_class::<scene::Scene>()?;
     module.add_function(wrap_pyfunction!(scene::check_light, module)?)?;
     module.add_class::<renderer::Renderer>()?;

@@ -424,6 +424,22 @@ impl Frame {
         })
     }
 
+    /// What became of assemblies, by name, and the milliseconds that it took.
+    fn assemblies(&self, py: Python<'_>) -> PyResult<Option<(RawCounts, f64)>> {
+        self.look(py, |frame| {
+            let found = frame.stats.assemblies.as_ref()?;
+            let counts = vec![
+                ("walked", found.walked),
+                ("outside", found.outside),
+                ("far", found.far),
+                ("expanded", found.expanded),
+                ("parts", found.parts),
+                ("changed", found.changed),
+            ];
+            Some((counts, found.ms))
+        })
+    }
+
     /// The frame's totals by name, its time, and which rasterizers drew it.
     fn totals(&self, py: Python<'_>) -> PyResult<(RawCounts, f64, &'static str)> {
         self.look(py, |frame| {

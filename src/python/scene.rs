@@ -6,7 +6,8 @@ use glam::DAffine3;
 use numpy::{PyArray, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 
-use super::arrays::matrix4;
+use super::arrays::{matrices, matrix4};
+use super::assembly::Assembly;
 use super::errors::to_python;
 use super::image::{EnvironmentMap, Image};
 use super::mesh::Mesh;
@@ -95,7 +96,7 @@ fn handle((index, generation): RawHandle) -> Handle {
     Handle { index, generation }
 }
 
-fn materials(looks: Vec<RawMaterial>) -> Materials {
+pub(super) fn materials(looks: Vec<RawMaterial>) -> Materials {
     Materials::from(looks.into_iter().map(material).collect::<Vec<_>>())
 }
 
@@ -143,6 +144,17 @@ fn texture(raw: RawTexture) -> Texture {
     }
 }
 
+/// Adds something at all poses, or nothing where one of them is wrong.
+fn all(
+    scene: &mut scene::Scene,
+    poses: &[[[f64; 4]; 4]],
+    add: impl Fn(&mut scene::Scene, &[[f64; 4]; 4]) -> Result<InstanceHandle>,
+) -> Result<Vec<RawHandle>> {
+    pose::affines("poses", poses)?;
+    let handle = |InstanceHandle(at): InstanceHandle| (at.index, at.generation);
+    poses.iter().map(|pose| add(scene, pose).map(handle)).collect()
+}
+
 fn light(
     (kind, color, intensity, range, cone, (casts_shadows, radius)): RawLight,
     rows: &[[f64; 4]; 4],
@@ -183,6 +195,52 @@ impl Scene {
         let dag = Arc::clone(&mesh.dag);
         let at = self.edit(py, |scene| scene.add(dag, &rows, materials(looks)))?.0;
         Ok((at.index, at.generation))
+    }
+
+    /// Adds an instance of an assembly; returns its handle.
+    fn add_assembly(
+        &self,
+        py: Python<'_>,
+        assembly: &Assembly,
+        pose: &Bound<'_, PyAny>,
+    ) -> PyResult<RawHandle> {
+        let rows = matrix4(pose, "pose")?;
+        let assembly = Arc::clone(&assembly.inner);
+        let at = self.edit(py, |scene| scene.add_assembly(assembly, &rows))?.0;
+        Ok((at.index, at.generation))
+    }
+
+    /// Adds an instance at each of many poses, or none where one is wrong; returns their handles.
+    fn add_meshes(
+        &self,
+        py: Python<'_>,
+        mesh: &Mesh,
+        poses: &Bound<'_, PyAny>,
+        looks: Vec<RawMaterial>,
+    ) -> PyResult<Vec<RawHandle>> {
+        let (poses, mesh, looks) = (matrices(poses, "poses")?, &mesh.dag, materials(looks));
+        self.edit(py, |scene| {
+            all(scene, &poses, |scene, pose| scene.add(Arc::clone(mesh), pose, looks.clone()))
+        })
+    }
+
+    /// The same of an assembly.
+    fn add_assemblies(
+        &self,
+        py: Python<'_>,
+        assembly: &Assembly,
+        poses: &Bound<'_, PyAny>,
+    ) -> PyResult<Vec<RawHandle>> {
+        let (poses, assembly) = (matrices(poses, "poses")?, &assembly.inner);
+        self.edit(py, |scene| {
+            all(scene, &poses, |scene, pose| scene.add_assembly(Arc::clone(assembly), pose))
+        })
+    }
+
+    /// Number of instances of assemblies.
+    #[getter]
+    fn assembly_count(&self, py: Python<'_>) -> PyResult<usize> {
+        self.look(py, |s| Ok(s.assemblies()))
     }
 
     /// Moves an instance.

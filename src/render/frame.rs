@@ -1,5 +1,7 @@
 //! A rendered frame: its visibility buffer, and every array that is read from it when asked for.
 
+use std::sync::Arc;
+
 use rayon::prelude::*;
 
 use super::frame_shadows::FrameShadows;
@@ -19,7 +21,7 @@ use crate::error::{Error, Result};
 use crate::gpu_types::Array;
 use crate::model::ClusterAddress;
 use crate::scene::placement::Eye;
-use crate::scene::{Lighting, View};
+use crate::scene::{Lighting, Owners, View};
 use crate::stages::Stage;
 use crate::views::{InstanceView, Screen, Visible, decode, payload};
 
@@ -79,6 +81,8 @@ pub struct Frame {
     /// Which of `visible` went to the large rasterizer.
     pub(super) large: Vec<bool>,
     pub(super) views: Vec<InstanceView>,
+    /// Which of them are parts of which instances.
+    pub(super) owners: Arc<Owners>,
     pub(super) screen: Screen,
     pub(super) view: View,
     pub(super) eye: Eye,
@@ -136,9 +140,11 @@ impl Frame {
         self.picture.words("visibility buffer")
     }
 
-    /// The clusters that were drawn, in scene order: slot number of the instance, and address. Words number them.
+    /// The clusters that were drawn, in scene order: slot number of the instance, for parts of assemblies that of the whole, and
+    /// address. Words number them.
     pub fn visible(&self) -> Vec<(u32, ClusterAddress)> {
-        self.visible.iter().map(|v| (self.views[v.instance as usize].slot, v.cluster)).collect()
+        let slot = |v: &Visible| self.owners.of(self.views[v.instance as usize].slot);
+        self.visible.iter().map(|v| (slot(v), v.cluster)).collect()
     }
 
     /// What `what` is made of.
@@ -208,6 +214,16 @@ impl Frame {
         self.shadows.as_ref().ok_or_else(none)?.host()
     }
 
+    /// Has instances that a device numbered be those of the scene.
+    pub(super) fn name_owners(&mut self) {
+        for (output, array) in &mut self.made {
+            if *output == Output::InstanceId {
+                let slots = std::mem::replace(array, Array::from(Vec::<i32>::new()));
+                *array = owned(Vec::from(slots), &self.owners).into();
+            }
+        }
+    }
+
     /// Makes what of `outputs` is not there.
     pub(super) fn finish(&mut self, outputs: Outputs) -> Result<()> {
         if self.depth_only() {
@@ -256,7 +272,7 @@ impl Frame {
                 out.into()
             }
             Output::Normal => output::normals(pixels, &self.eye).into_flattened().into(),
-            Output::InstanceId => output::instance_ids(pixels).into(),
+            Output::InstanceId => owned(output::instance_ids(pixels), &self.owners).into(),
             Output::ClusterId => output::cluster_ids(pixels).into(),
             Output::TriangleId => output::triangle_ids(pixels).into(),
             Output::Overdraw => output::overdraw(pixels, &self.large).into(),
@@ -330,7 +346,7 @@ impl Frame {
         Ok(Vec::from(self.array(Output::Normal)?).as_chunks().0.to_vec())
     }
 
-    /// Slot numbers of instances; −1 where nothing is covered.
+    /// Slot numbers of instances of the scene, for parts of assemblies that of the whole; −1 where nothing is covered.
     pub fn instance_ids(&self) -> Result<Vec<i32>> {
         self.array(Output::InstanceId).map(Vec::from)
     }
@@ -386,4 +402,13 @@ impl Drop for Frame {
         self.scratch.give(std::mem::replace(&mut self.picture, VisibilityBuffer::Depth(Vec::new())));
         self.scratch.give_views(std::mem::take(&mut self.views));
     }
+}
+
+/// Slots of what was drawn as slots of the scene.
+fn owned(mut slots: Vec<i32>, owners: &Owners) -> Vec<i32> {
+    if !owners.is_empty() {
+        let own = |slot: &mut i32| *slot = u32::try_from(*slot).map_or(-1, |known| owners.of(known) as i32);
+        slots.par_iter_mut().with_min_len(1 << 14).for_each(own);
+    }
+    slots
 }

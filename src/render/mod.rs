@@ -1,5 +1,6 @@
 //! The renderer: a list of stages, the facade that runs them, and the frame that they leave.
 
+mod assemblies;
 #[cfg(feature = "gpu")]
 mod bisect;
 #[cfg(feature = "gpu")]
@@ -31,4 +32,4 @@ pub use frame::{Frame, ImageView};
 pub use renderer::{Backend, Renderer};
 #[cfg(feature = "gpu")]
 pub use shadow_records::shadow_map_entries;
-pub use stats::{FrameStats, ShadowStats, StageStats};
+pub use stats::{AssemblyStats, FrameStats, ShadowStats, StageStats};

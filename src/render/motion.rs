@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use glam::DAffine3;
 use rustc_hash::FxHashMap;
 
 use super::frame::Frame;
@@ -16,8 +17,10 @@ pub(super) struct Stance {
     scene: u64,
     eye: Eye,
     screen: Screen,
-    /// By slot: which instance that is, its shape and its place.
+    /// By slot: which instance that is, its shape and its place. Parts of assemblies are where these were.
     instances: FxHashMap<u32, (Handle, Arc<Dag>, Placement)>,
+    /// Poses of instances of assemblies by slot.
+    assemblies: FxHashMap<u32, DAffine3>,
 }
 
 /// What a frame shows as it was in the frame before.
@@ -36,21 +39,32 @@ impl Stance {
             (slot, (handle, Arc::clone(&instance.mesh), *instance.placement()))
         };
         let slots = scene.instances();
+        let whole = |(_, (slot, _)): &(Handle, (u32, &Instance))| scene.owners().of(*slot) == *slot;
+        let assembly = |(slot, instance): (u32, &Instance)| {
+            instance.assembly.is_some().then(|| (slot, *instance.pose()))
+        };
         Self {
-            scene: scene.identity(),
+            scene: scene.origin(),
             eye: frame.eye,
             screen: frame.screen,
-            instances: slots.handles().zip(slots.iter()).map(instance).collect(),
+            instances: slots.handles().zip(slots.iter()).filter(whole).map(instance).collect(),
+            assemblies: slots.iter().filter_map(assembly).collect(),
         }
     }
 
     /// What `frame`, drawn of a scene later, shows as it was here; `None` for another scene.
     pub(super) fn of(&self, scene: &Scene, frame: &Frame) -> Option<Before> {
-        if self.scene != scene.identity() {
+        if self.scene != scene.origin() {
             return None;
         }
         let orthographic = self.screen.orthographic;
         let as_it_was = |view: &InstanceView| {
+            let owner = scene.owners().of(view.slot);
+            if owner != view.slot {
+                let placed =
+                    scene.instances().at(view.slot as usize).map(|part| self.part(scene, owner, part));
+                return placed.map_or_else(|| view.clone(), |at| view.moved_to(&self.eye, orthographic, &at));
+            }
             let known = self.instances.get(&view.slot);
             let now = scene.instances().at(view.slot as usize);
             match (known, now) {
@@ -68,5 +82,18 @@ impl Stance {
             }
         };
         Some(Before { views: frame.views.iter().map(as_it_was).collect(), screen: self.screen })
+    }
+
+    /// Where a part of an instance of an assembly was: it moves with the whole.
+    fn part(&self, scene: &Scene, owner: u32, part: &Instance) -> Placement {
+        let same = |(handle, ..): &&(Handle, Arc<Dag>, Placement)| scene.instances().get(*handle).is_ok();
+        let known = self.instances.get(&owner).filter(same).and_then(|_| self.assemblies.get(&owner));
+        match (known, scene.instances().at(owner as usize)) {
+            // Nothing is rounded of what stands still.
+            (Some(was), Some(now)) if was != now.pose() => {
+                part.placed_at(&(*was * now.pose().inverse() * *part.pose()))
+            }
+            _ => *part.placement(),
+        }
     }
 }

@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 
+use super::assemblies::Expansion;
 #[cfg(feature = "gpu")]
 use super::device;
 use super::frame::Frame;
@@ -227,6 +228,8 @@ pub struct Renderer {
     cpu_from: Option<Stage>,
     /// The views of the call before, where it streamed.
     before: Vec<DrawnView>,
+    /// What is drawn of a scene with assemblies.
+    expansion: Option<Expansion>,
 }
 
 impl Renderer {
@@ -251,6 +254,7 @@ impl Renderer {
             streamer,
             cpu_from,
             before,
+            expansion: None,
         })
     }
 
@@ -325,6 +329,33 @@ impl Renderer {
     /// Renders `scene` as several cameras see it, on a GPU in one submission: a frame for each, as if rendered alone. Times
     /// are of all together. Where it waits for pages in files, it asks `proceed`.
     pub fn render_views(
+        &mut self,
+        scene: &Scene,
+        views: &[ViewDesc],
+        options: &RenderOptions,
+        proceed: InterruptCheck<'_>,
+    ) -> Result<Vec<Frame>> {
+        let expansion = self.expansion.take();
+        if scene.assemblies() == 0 {
+            return self.render_meshes(scene, views, options, proceed);
+        }
+        let size = (self.width, self.height);
+        let spectator = |desc: &ViewDesc| Ok((desc.view(size)?, desc.options(options).pixel_error));
+        let spectators: Vec<(View, f32)> = views.iter().map(spectator).collect::<Result<_>>()?;
+        let mut expansion = expansion.unwrap_or_default();
+        let stats = expansion.update(scene, &spectators, options.shadows != Shadows::Off)?;
+        let frames = self.render_meshes(expansion.scene(), views, options, proceed);
+        self.expansion = Some(expansion);
+        let mut frames = frames?;
+        for frame in &mut frames {
+            frame.stats.total_ms += stats.ms;
+            frame.stats.assemblies = Some(stats.clone());
+        }
+        Ok(frames)
+    }
+
+    /// The same of a scene whose assemblies are drawn as the meshes that stand for them.
+    fn render_meshes(
         &mut self,
         scene: &Scene,
         views: &[ViewDesc],
@@ -646,13 +677,14 @@ fn blend(numbers: &mut [f32], others: &[f32], part: f32) {
 fn finished(frame_context: FrameContext<'_>, rastered: Rastered, scratch: ScratchPool) -> Result<Frame> {
     let Rastered { picture, views, visible, large, layers, made, light, layer, shadows, mut stats, .. } =
         rastered;
-    let FrameContext { view, eye, screen, lighting, options, .. } = frame_context;
+    let FrameContext { scene, view, eye, screen, lighting, options, .. } = frame_context;
     stats.samples = options.samples as u32;
     let mut frame = Frame {
         picture,
         visible,
         large,
         views,
+        owners: Arc::clone(scene.owners()),
         screen,
         view,
         eye,
@@ -670,6 +702,7 @@ fn finished(frame_context: FrameContext<'_>, rastered: Rastered, scratch: Scratc
     if let (Some(layers), None) = (&layers, &frame.light) {
         frame.blend(layers)?;
     }
+    frame.name_owners();
     if let Some(layers) = layers.filter(|_| options.transparent_ids) {
         frame.show_layers(layers);
         frame.stats.covered_pixels = frame.picture.covered();

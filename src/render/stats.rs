@@ -64,6 +64,25 @@ pub struct ShadowStats {
     pub draw_ms: f64,
 }
 
+/// What was made of instances of assemblies: for all views of a call together.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct AssemblyStats {
+    /// Assemblies that were looked at: instances of the scene, and those inside of others that were taken apart.
+    pub walked: u64,
+    /// Those of them that lie outside of all views.
+    pub outside: u64,
+    /// Those that one mesh stands for in some view.
+    pub far: u64,
+    /// Those that were taken apart.
+    pub expanded: u64,
+    /// Instances that the latter gave to the stages.
+    pub parts: u64,
+    /// Of these, what was not there in the frame before.
+    pub changed: u64,
+    /// Time of all that, milliseconds.
+    pub ms: f64,
+}
+
 /// Everything a frame reports.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FrameStats {
@@ -104,6 +123,8 @@ pub struct FrameStats {
     pub stream: Option<StreamStats>,
     /// What shadows cost, where there are any.
     pub shadows: Option<ShadowStats>,
+    /// What became of assemblies, where there are any.
+    pub assemblies: Option<AssemblyStats>,
     /// Samples of each pixel's colour. Stages are those of all passes together: of the one through pixel centres, and of one
     /// for each sample where there are several. The totals are of the first.
     pub samples: u32,

@@ -5,6 +5,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use glam::{DAffine3, DVec3};
 
+use super::assemblies::{Assembly, Dressed, Owners};
 use super::environment::Environment;
 use super::light::Light;
 use super::material::{Materials, Slot};
@@ -30,6 +31,8 @@ pub struct Instance {
     pub mesh: Arc<Dag>,
     /// Its look.
     pub materials: Materials,
+    /// What it is an instance of, where that is an assembly: the mesh and the look are those that stand for it.
+    pub assembly: Option<Arc<Assembly>>,
     /// False hides it.
     pub visible: bool,
     casts_shadows: bool,
@@ -43,6 +46,44 @@ pub struct Instance {
 }
 
 impl Instance {
+    /// At a pose, to be seen, with shadows.
+    fn new(Dressed { mesh, materials }: Dressed, pose: DAffine3) -> Self {
+        let mut instance = Self {
+            mesh,
+            materials,
+            assembly: None,
+            visible: true,
+            casts_shadows: true,
+            receives_shadows: true,
+            pose: DAffine3::IDENTITY,
+            scale: 1.0,
+            sphere: (DVec3::ZERO, 0.0),
+            placement: Placement::default(),
+        };
+        instance.set_pose(pose);
+        instance
+    }
+
+    /// A part of an instance of an assembly, at a pose in the world.
+    pub fn part(owner: &Self, what: &Dressed, pose: DAffine3) -> Self {
+        let Self { casts_shadows, receives_shadows, .. } = *owner;
+        Self { casts_shadows, receives_shadows, ..Self::new(what.clone(), pose) }
+    }
+
+    /// Whether it is that part.
+    pub fn is_part(&self, owner: &Self, what: &Dressed, pose: &DAffine3) -> bool {
+        self.pose == *pose
+            && Arc::ptr_eq(&self.mesh, &what.mesh)
+            && self.shadows() == owner.shadows()
+            && self.materials.is(&what.materials)
+    }
+
+    /// Where it would be at another pose.
+    pub fn placed_at(&self, pose: &DAffine3) -> Placement {
+        let scale = singular_value_bound(pose::linear_rows(&pose.matrix3));
+        Placement::new(pose, &self.mesh.frame, self.mesh.rounding(), scale)
+    }
+
     /// Object to world.
     pub fn pose(&self) -> &DAffine3 {
         &self.pose
@@ -112,9 +153,14 @@ static NEXT: AtomicU64 = AtomicU64::new(0);
 pub struct Scene {
     /// No two scenes have the same.
     identity: u64,
+    /// The scene that it follows, see [`Scene::follow`].
+    followed: Option<u64>,
     instances: Slots<Instance>,
     /// Instances that the CPU alone draws.
     need_cpu: usize,
+    /// Instances of assemblies.
+    assemblies: usize,
+    owners: Arc<Owners>,
     lights: Slots<Light>,
     ambient_light: [f32; 3],
     bg_color: [f32; 3],
@@ -125,7 +171,9 @@ impl Clone for Scene {
     fn clone(&self) -> Self {
         Self {
             identity: NEXT.fetch_add(1, Ordering::Relaxed),
+            followed: None,
             instances: self.instances.clone(),
+            owners: Arc::clone(&self.owners),
             lights: self.lights.clone(),
             environment: self.environment.clone(),
             ..*self
@@ -137,8 +185,11 @@ impl Default for Scene {
     fn default() -> Self {
         Self {
             identity: NEXT.fetch_add(1, Ordering::Relaxed),
+            followed: None,
             instances: Slots::new("instance"),
             need_cpu: 0,
+            assemblies: 0,
+            owners: Arc::default(),
             lights: Slots::new("light"),
             ambient_light: [0.0; 3],
             bg_color: [1.0; 3],
@@ -165,23 +216,67 @@ impl Scene {
         pose: &[[f64; 4]; 4],
         materials: impl Into<Materials>,
     ) -> Result<InstanceHandle> {
-        let materials = fitting(materials.into(), &mesh)?;
-        let mut instance = Instance {
-            mesh,
-            materials,
-            visible: true,
-            casts_shadows: true,
-            receives_shadows: true,
-            pose: DAffine3::IDENTITY,
-            scale: 1.0,
-            sphere: (DVec3::ZERO, 0.0),
-            placement: Placement::default(),
-        };
-        instance.set_pose(pose::affine("pose", pose)?);
-        let needs_cpu = instance.needs_cpu();
+        self.insert(Instance::new(Dressed::new(mesh, materials)?, pose::affine("pose", pose)?))
+    }
+
+    /// Adds an instance of an assembly at an object-to-world pose.
+    pub fn add_assembly(&mut self, assembly: Arc<Assembly>, pose: &[[f64; 4]; 4]) -> Result<InstanceHandle> {
+        let instance = Instance::new(assembly.far.clone(), pose::affine("pose", pose)?);
+        self.insert(Instance { assembly: Some(assembly), ..instance })
+    }
+
+    fn insert(&mut self, instance: Instance) -> Result<InstanceHandle> {
+        let (needs_cpu, assembly) = (instance.needs_cpu(), instance.assembly.is_some());
         let handle = self.instances.insert(instance)?;
         self.need_cpu += usize::from(needs_cpu);
+        self.assemblies += usize::from(assembly);
         Ok(InstanceHandle(handle))
+    }
+
+    /// Instances of assemblies.
+    pub fn assemblies(&self) -> usize {
+        self.assemblies
+    }
+
+    /// A number that follows an instance from frame to frame, in scenes that follow each other, too.
+    pub fn origin(&self) -> u64 {
+        self.followed.unwrap_or(self.identity)
+    }
+
+    /// Becomes what another scene is, but for slots that [`Scene::put`] fills behind those of the other. Returns the clock to
+    /// give the next time; 0 is right the first time, in an empty scene.
+    pub fn follow(&mut self, other: &Self, since: u64) -> u64 {
+        self.followed = Some(other.identity);
+        for (slot, instance) in other.instances.changed_since(since) {
+            self.put(other.instances.handle(slot), instance.cloned());
+        }
+        if self.lights.clock() != other.lights.clock() {
+            self.lights = other.lights.clone();
+        }
+        (self.ambient_light, self.bg_color) = (other.ambient_light, other.bg_color);
+        self.environment.clone_from(&other.environment);
+        other.instances.clock()
+    }
+
+    /// Puts an instance, or nothing, in a slot of a scene that follows another.
+    pub fn put(&mut self, at: Handle, instance: Option<Instance>) {
+        let counts = |instance: Option<&Instance>| {
+            instance.map_or((0, 0), |i| (usize::from(i.needs_cpu()), usize::from(i.assembly.is_some())))
+        };
+        let (old, new) = (counts(self.instances.at(at.index as usize)), counts(instance.as_ref()));
+        self.need_cpu = self.need_cpu + new.0 - old.0;
+        self.assemblies = self.assemblies + new.1 - old.1;
+        self.instances.put(at, instance);
+    }
+
+    /// Which instances are parts of which.
+    pub fn owners(&self) -> &Arc<Owners> {
+        &self.owners
+    }
+
+    /// Says which instances are parts of which.
+    pub fn set_owners(&mut self, owners: Arc<Owners>) {
+        self.owners = owners;
     }
 
     /// Whether there is anything that the CPU alone draws.
@@ -212,7 +307,11 @@ impl Scene {
 
     /// Gives an instance another geometry, where it is.
     pub fn set_mesh(&mut self, handle: InstanceHandle, mesh: Arc<Dag>) -> Result<()> {
-        fitting(self.instances.get(handle.0)?.materials.clone(), &mesh)?;
+        let instance = self.instances.get(handle.0)?;
+        if instance.assembly.is_some() {
+            return Err(Error::argument("mesh", "an instance of an assembly has none of its own"));
+        }
+        fitting(instance.materials.clone(), &mesh)?;
         self.change_look(handle, |instance| {
             instance.mesh = mesh;
             instance.set_pose(instance.pose);
@@ -233,7 +332,11 @@ impl Scene {
 
     /// Changes the look of an instance.
     pub fn set_material(&mut self, handle: InstanceHandle, materials: impl Into<Materials>) -> Result<()> {
-        let materials = fitting(materials.into(), &self.instances.get(handle.0)?.mesh)?;
+        let instance = self.instances.get(handle.0)?;
+        if instance.assembly.is_some() {
+            return Err(Error::argument("material", "the parts of an assembly have their own"));
+        }
+        let materials = fitting(materials.into(), &instance.mesh)?;
         self.change_look(handle, |instance| instance.materials = materials)
     }
 
@@ -241,6 +344,7 @@ impl Scene {
     pub fn remove(&mut self, handle: InstanceHandle) -> Result<Instance> {
         let instance = self.instances.remove(handle.0)?;
         self.need_cpu -= usize::from(instance.needs_cpu());
+        self.assemblies -= usize::from(instance.assembly.is_some());
         Ok(instance)
     }
 
@@ -320,7 +424,7 @@ fn finite(argument: &'static str, color: [f32; 3]) -> Result<[f32; 3]> {
 }
 
 /// Materials that a mesh can have: in range, with textures on UV sets that it has.
-fn fitting(materials: Materials, mesh: &Dag) -> Result<Materials> {
+pub(super) fn fitting(materials: Materials, mesh: &Dag) -> Result<Materials> {
     materials.validate()?;
     let sets = mesh.layout().uv_sets;
     for (slot, texture) in materials.list().iter().flat_map(|m| Slot::ALL.into_iter().zip(&m.textures)) {

@@ -143,6 +143,11 @@ fn bit(bits: u32, number: i32) -> bool {
 }
 
 impl Materials {
+    /// Whether they are these very ones, and not equal ones.
+    pub fn is(&self, other: &Self) -> bool {
+        Arc::ptr_eq(&self.list, &other.list)
+    }
+
     /// Whether normals are interpolated anywhere.
     #[inline]
     pub fn smooth(&self) -> bool {

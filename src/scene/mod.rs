@@ -5,6 +5,7 @@
 //! 4×4 matrices, a camera looks along its −Z with +Y up, a directional light shines along its −Z.
 
 pub mod albedo;
+pub mod assemblies;
 pub mod camera;
 pub mod environment;
 pub mod image;
@@ -21,6 +22,7 @@ mod slots;
 pub mod texture;
 pub mod transfer;
 
+pub use assemblies::{Assembly, Dressed, Owners, Part, PartShape, Place};
 pub use camera::{Camera, Projection, View};
 pub use environment::{Environment, EnvironmentMap, Surroundings};
 pub use image::Image;

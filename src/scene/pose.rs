@@ -39,6 +39,20 @@ pub fn affine(argument: &'static str, rows: &[[f64; 4]; 4]) -> Result<DAffine3> 
     Ok(DAffine3 { matrix3: linear, translation: column(3) })
 }
 
+/// Many of them: an error says which is wrong.
+pub fn affines(argument: &'static str, poses: &[[[f64; 4]; 4]]) -> Result<Vec<DAffine3>> {
+    let numbered = |(i, rows)| {
+        affine(argument, rows).map_err(|error| match error {
+            Error::Argument { argument, message } => {
+                let gap = if message.starts_with('[') { "" } else { ": " };
+                Error::argument(argument, format!("[{i}]{gap}{message}"))
+            }
+            other => other,
+        })
+    };
+    poses.iter().enumerate().map(numbered).collect()
+}
+
 /// A rotation (or reflection) and a translation: the nearest to the matrix, which may be off by [`RIGID_TOLERANCE`].
 /// Returns by how much it was, too.
 pub fn rigid(argument: &'static str, rows: &[[f64; 4]; 4]) -> Result<(DAffine3, f64)> {

@@ -24,6 +24,8 @@ pub struct Slots<T> {
     /// When each slot's entry was last added, lent for a change or removed: apart, so that asking touches no entry.
     changed: Vec<u64>,
     free: Vec<u32>,
+    /// Slots in use.
+    used: usize,
     /// What an entry is called in messages.
     noun: &'static str,
     /// Changes so far.
@@ -33,12 +35,12 @@ pub struct Slots<T> {
 impl<T> Slots<T> {
     /// An empty set; `noun` names an entry in errors.
     pub fn new(noun: &'static str) -> Self {
-        Self { slots: Vec::new(), changed: Vec::new(), free: Vec::new(), noun, clock: 0 }
+        Self { slots: Vec::new(), changed: Vec::new(), free: Vec::new(), used: 0, noun, clock: 0 }
     }
 
     /// Number of entries.
     pub fn len(&self) -> usize {
-        self.slots.len() - self.free.len()
+        self.used
     }
 
     /// True when there is no entry.
@@ -54,6 +56,7 @@ impl<T> Slots<T> {
     /// Adds an entry in the slot that was freed last, or in a new one.
     pub fn insert(&mut self, value: T) -> Result<Handle> {
         self.clock += 1;
+        self.used += 1;
         if let Some(index) = self.free.pop() {
             self.changed[index as usize] = self.clock;
             let slot = &mut self.slots[index as usize];
@@ -65,6 +68,25 @@ impl<T> Slots<T> {
         self.slots.push(Slot { generation: 0, value: Some(value) });
         self.changed.push(self.clock);
         Ok(Handle { index, generation: 0 })
+    }
+
+    /// Puts an entry, or nothing, where the caller wants it: in a set that follows another, which nothing is inserted into.
+    pub fn put(&mut self, Handle { index, generation }: Handle, value: Option<T>) {
+        self.clock += 1;
+        let at = index as usize;
+        if self.slots.len() <= at {
+            self.slots.resize_with(at + 1, || Slot { generation: 0, value: None });
+            self.changed.resize(at + 1, 0);
+        }
+        self.changed[at] = self.clock;
+        let slot = &mut self.slots[at];
+        self.used = self.used + usize::from(value.is_some()) - usize::from(slot.value.is_some());
+        *slot = Slot { generation, value };
+    }
+
+    /// The handle of what is in a slot, or was last.
+    pub fn handle(&self, index: u32) -> Handle {
+        Handle { index, generation: self.slots.get(index as usize).map_or(0, |slot| slot.generation) }
     }
 
     fn stale(&self, handle: Handle) -> Error {
@@ -97,6 +119,7 @@ impl<T> Slots<T> {
         self.get(handle)?;
         self.clock += 1;
         self.changed[handle.index as usize] = self.clock;
+        self.used -= 1;
         let slot = &mut self.slots[handle.index as usize];
         let value = slot.value.take();
         // A slot whose generations are used up is retired: it is never given away again.

@@ -24,9 +24,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from nanite_rs._progress import Progress
+    from nanite_rs.assembly import Placed
     from nanite_rs.cut import Cut
     from nanite_rs.report import TilesReport
-    from nanite_rs.scene import MeshNode, Scene
+    from nanite_rs.scene import Scene
 
 
 def export(
@@ -44,10 +45,10 @@ def export(
     if any(light.visible for light in scene.lights):
         notes.add("lights")
     shown = []
-    for node in scene.instances:
-        if node.visible and isinstance(node.mesh, Points | Lines):
+    for node in _export_scene.all_placed(node for node in scene.instances if node.visible):
+        if isinstance(node.mesh, Points | Lines):
             notes.add("points and lines")
-        elif node.visible:
+        else:
             shown.append(node)
     if not shown:
         raise ArgumentError("to_3dtiles: the scene shows no mesh")
@@ -91,7 +92,7 @@ def export(
     return found
 
 
-def _core_of(node: MeshNode) -> _core.Mesh:
+def _core_of(node: Placed) -> _core.Mesh:
     """Return the levels of a mesh; one without any gets some, and one that joints move those of its pose."""
     mesh = node.mesh
     if isinstance(mesh, NaniteMesh):
