@@ -1,8 +1,8 @@
 """A forest: ``python -m benchmarks.python.assemblies``.
 
-A hundred thousand trees of ten thousand modelled leaves each are one assembly in a hundred thousand places. How much
-memory opening takes, and frames from above, from its edge and from inside, with what became of the trees. ``--picture``
-writes the three pictures.
+A hundred thousand trees of ten thousand modelled leaves each are one assembly in a hundred thousand places. How
+much memory opening takes, and frames from above, from its edge and from inside, with what became of the trees.
+``--picture`` writes the three pictures.
 """
 
 from __future__ import annotations
@@ -63,9 +63,7 @@ def tree(rng: np.random.Generator, leaves: int, far_triangles: int) -> nrs.Assem
     poses = np.tile(np.eye(4), (leaves, 1, 1))
     poses[:, :3, :3] = turns(rng, leaves)
     poses[:, :3, 3] = points * (1.8, 2.4, 1.8) + (0, 5.0, 0)
-    return nrs.Assembly(
-        [(leaf(), poses), (trunk(), np.eye(4))], far_triangles=far_triangles, progress=False
-    )
+    return nrs.Assembly([(leaf(), poses), (trunk(), np.eye(4))], far_triangles=far_triangles, progress=False)
 
 
 def main() -> None:
@@ -100,13 +98,15 @@ def main() -> None:
     )
     scene.add(ground, material=nrs.Material(base_color=(0.16, 0.2, 0.08)))
     added, grown = time.perf_counter() - start, resident() - before
-    print(f"{len(scene) - 1:,} trees, {(len(scene) - 1) * len(oak):,} meshes: {added:.2f} s, {grown / 1e6:.0f} MB")
+    print(
+        f"{len(scene) - 1:,} trees, {(len(scene) - 1) * len(oak):,} meshes: {added:.2f} s, {grown / 1e6:.0f} MB"
+    )
     camera = nrs.PerspectiveCamera(yfov=0.9, znear=0.1)
     nearest = poses[np.argmin(np.hypot(poses[:, 0, 3], poses[:, 2, 3])), :3, 3]
     views = {
         "from above": nrs.look_at((0, 120, side / 2 + 60), (0, 0, side / 4)),
         "at the edge": nrs.look_at((0, 4, side / 2 + 12), (0, 5, 0)),
-        "inside": nrs.look_at(nearest + (0.6, 4.4, 3.0), nearest + (0, 5, 0)),
+        "inside": nrs.look_at(np.add(nearest, (0.6, 4.4, 3.0)), np.add(nearest, (0, 5, 0))),
     }
     with nrs.Renderer(*SIZE, backend=options.backend) as renderer:
         for name, pose in views.items():
@@ -117,8 +117,8 @@ def main() -> None:
                 moved[0, 3] += 0.02 * step
                 frame = renderer.render(scene, camera, moved)
                 times.append(frame.stats.total_ms)
-            print(f"{name}: {np.median(times):.0f} ms; {frame.stats.assemblies}; {frame.stats.triangles:,} triangles")
-            print(f"    memory {resident() / 1e6:.0f} MB")
+            print(f"{name}: {np.median(times):.0f} ms; {frame.stats.assemblies}")
+            print(f"    {frame.stats.triangles:,} triangles, memory {resident() / 1e6:.0f} MB")
             if options.picture:
                 frame.save(options.picture / f"{name.replace(' ', '_')}.png")
 

@@ -366,7 +366,7 @@ def _everywhere(cut: Cut, poses: NDArray[np.float64], *, textured: bool) -> Sour
     cofactor *= np.where(mirrored, -1.0, 1.0)[:, None, None]
     normals = cut.normals.astype(np.float64) @ cofactor.transpose(0, 2, 1)
     length = np.linalg.norm(normals, axis=2, keepdims=True)
-    normals = np.asarray(normals / np.where(length > 0.0, length, 1.0), np.float32)
+    units = np.asarray(normals / np.where(length > 0.0, length, 1.0), np.float32).reshape(-1, 3)
     faces = cut.faces.astype(np.int64) + len(cut.vertices) * np.arange(count)[:, None, None]
     faces[mirrored] = faces[mirrored][:, :, ::-1]
 
@@ -376,7 +376,7 @@ def _everywhere(cut: Cut, poses: NDArray[np.float64], *, textured: bool) -> Sour
     return Source(
         vertices.reshape(-1, 3),
         faces.reshape(-1, 3),
-        normals=normals.reshape(-1, 3),
+        normals=units,
         colors=None if cut.fine_colors is None else tiled(cut.fine_colors),
         uvs=[tiled(uvs) for uvs in cut.uvs] if textured else [],
         face_materials=None if cut.face_materials is None else tiled(cut.face_materials),

@@ -109,6 +109,14 @@ def test_every_call_works_in_a_forked_child(tmp_path) -> None:
         card = nrs.TriangleMesh(corners, sides, uvs=square, materials=look)
         sway = [nrs.Wave((0.1, 0, 0), weight="x"), nrs.Wave((0, 0.1, 0), 0.3, (0.2, 0, 0))]
         swaying = nrs.SwayingMesh(mesh, sway)
+        places = np.tile(np.eye(4), (3, 1, 1))
+        places[:, 0, 3] = -3, 0, 3
+
+        def pictured_grove():
+            grove = nrs.Assembly([(mesh, places)], far_triangles=9_000)
+            with nrs.Renderer(160, 120, backend="cpu") as renderer:
+                return picture(renderer, scene_of(grove))
+
         calls = {
             "leaves": lambda: digest(nrs.foliage.to_geometry(card, wind=True).build().cut(error=0).vertices),
             "swaying": lambda: (swaying.move(0.4), digest(swaying.cut(error=0.02).vertices))[1],
@@ -116,6 +124,7 @@ def test_every_call_works_in_a_forked_child(tmp_path) -> None:
             "displace": lambda: digest(
                 nrs.displace(corners, sides, uvs=square, height=waves, tolerance=0.001).vertices
             ),
+            "assembly": pictured_grove,
             "terrain": lambda: digest(nrs.heightfield(waves, tolerance=0.01).vertices),
             "build": lambda: digest(nrs.NaniteMesh.from_arrays(vertices, faces).cut(error=0).vertices),
             "fast": lambda: len(nrs.NaniteMesh.from_arrays(vertices, faces, options=nrs.BuildOptions(threads=3))),
