@@ -104,15 +104,15 @@ def main() -> None:
     camera = nrs.PerspectiveCamera(yfov=0.9, znear=0.1)
     nearest = poses[np.argmin(np.hypot(poses[:, 0, 3], poses[:, 2, 3])), :3, 3]
     views = {
-        "from above": nrs.look_at((0, 120, side / 2 + 60), (0, 0, side / 4)),
-        "at the edge": nrs.look_at((0, 4, side / 2 + 12), (0, 5, 0)),
         "inside": nrs.look_at(np.add(nearest, (0.6, 4.4, 3.0)), np.add(nearest, (0, 5, 0))),
+        "at the edge": nrs.look_at((0, 4, side / 2 + 12), (0, 5, 0)),
+        "from above": nrs.look_at((0, 120, side / 2 + 60), (0, 0, side / 4)),
     }
     with nrs.Renderer(*SIZE, backend=options.backend) as renderer:
         for name, pose in views.items():
             renderer.render(scene, camera, pose)
             times = []
-            for step in range(5):
+            for step in range(3):
                 moved = pose.copy()
                 moved[0, 3] += 0.02 * step
                 frame = renderer.render(scene, camera, moved)

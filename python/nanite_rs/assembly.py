@@ -249,7 +249,9 @@ def poses_of(poses: ArrayLike, name: str) -> NDArray[np.float64]:
     try:
         _core.check_poses(array)
     except ArgumentError as error:
-        raise ArgumentError(f"{name}{str(error).removeprefix('poses')}") from None
+        said = str(error).removeprefix("poses").removeprefix(": ")
+        gap = "" if said.startswith("[") else ": "
+        raise ArgumentError(f"{name}{gap}{said}") from None
     array.flags.writeable = False
     return array
 
