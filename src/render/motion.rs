@@ -91,7 +91,7 @@ impl Stance {
         match (known, scene.instances().at(owner as usize)) {
             // Nothing is rounded of what stands still.
             (Some(was), Some(now)) if was != now.pose() => {
-                part.placed_at(&(*was * now.pose().inverse() * *part.pose()))
+                part.placement_at(&(*was * now.pose().inverse() * *part.pose()))
             }
             _ => *part.placement(),
         }

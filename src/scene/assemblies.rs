@@ -5,8 +5,7 @@ use std::sync::Arc;
 
 use glam::{DAffine3, DVec3};
 
-use super::instances::fitting;
-use super::material::Materials;
+use super::material::{Materials, Slot};
 use super::pose;
 use crate::error::{Error, Result};
 use crate::limits::ASSEMBLY_DEPTH;
@@ -31,6 +30,19 @@ impl Dressed {
         let materials = fitting(materials.into(), &mesh)?;
         Ok(Self { mesh, materials })
     }
+}
+
+/// Materials that a mesh can have: in range, with textures on UV sets that it has.
+pub(super) fn fitting(materials: Materials, mesh: &Dag) -> Result<Materials> {
+    materials.validate()?;
+    let sets = mesh.layout().uv_sets;
+    for (slot, texture) in materials.list().iter().flat_map(|m| Slot::ALL.into_iter().zip(&m.textures)) {
+        if let Some(texture) = texture.as_ref().filter(|texture| texture.uv_set >= sets) {
+            let message = format!("wants UV set {}, of which the mesh has {sets}", texture.uv_set);
+            return Err(Error::argument(slot.name(), message));
+        }
+    }
+    Ok(materials)
 }
 
 /// What stands in the places of a part.

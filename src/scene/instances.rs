@@ -5,10 +5,10 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use glam::{DAffine3, DVec3};
 
-use super::assemblies::{Assembly, Dressed, Owners};
+use super::assemblies::{Assembly, Dressed, Owners, fitting};
 use super::environment::Environment;
 use super::light::Light;
-use super::material::{Materials, Slot};
+use super::material::Materials;
 use super::placement::Placement;
 use super::pose;
 use super::slots::{Handle, Slots};
@@ -79,7 +79,7 @@ impl Instance {
     }
 
     /// Where it would be at another pose.
-    pub fn placed_at(&self, pose: &DAffine3) -> Placement {
+    pub fn placement_at(&self, pose: &DAffine3) -> Placement {
         let scale = singular_value_bound(pose::linear_rows(&pose.matrix3));
         Placement::new(pose, &self.mesh.frame, self.mesh.rounding(), scale)
     }
@@ -421,17 +421,4 @@ fn finite(argument: &'static str, color: [f32; 3]) -> Result<[f32; 3]> {
         Some(bad) => Err(Error::argument(argument, format!("must be finite and not negative, not {bad}"))),
         None => Ok(color),
     }
-}
-
-/// Materials that a mesh can have: in range, with textures on UV sets that it has.
-pub(super) fn fitting(materials: Materials, mesh: &Dag) -> Result<Materials> {
-    materials.validate()?;
-    let sets = mesh.layout().uv_sets;
-    for (slot, texture) in materials.list().iter().flat_map(|m| Slot::ALL.into_iter().zip(&m.textures)) {
-        if let Some(texture) = texture.as_ref().filter(|texture| texture.uv_set >= sets) {
-            let message = format!("wants UV set {}, of which the mesh has {sets}", texture.uv_set);
-            return Err(Error::argument(slot.name(), message));
-        }
-    }
-    Ok(materials)
 }
