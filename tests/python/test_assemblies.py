@@ -53,10 +53,9 @@ def grove(tree, leaf):
     return nrs.Assembly([(tree, poses), (leaf, at([(32, 0, 0), (32, 8, 0)]))], far_triangles=40_000)
 
 
-def world(*, sun: bool = True) -> nrs.Scene:
+def world() -> nrs.Scene:
     scene = nrs.Scene(ambient_light=(0.3, 0.3, 0.3))
-    if sun:
-        scene.add(nrs.DirectionalLight(intensity=3.0), pose=nrs.look_at((3, 5, 4), (0, 0, 0)))
+    scene.add(nrs.DirectionalLight(intensity=3.0), pose=nrs.look_at((3, 5, 4), (0, 0, 0)))
     return scene
 
 
@@ -99,6 +98,24 @@ def test_expanded_it_is_the_picture_of_its_parts_bit_for_bit(request, backend, n
         assert found.stats.assemblies.expanded > 1
         assert (found.depth > 0).mean() > 0.02
         assert same(found, other.render(single, CAMERA, NEAR, pixel_error=0))
+
+
+@pytest.mark.parametrize("streaming", [False, True])
+def test_so_are_streamed_blended_and_sampled_parts(backend, tmp_path, leaf, streaming) -> None:
+    leaf.save(tmp_path / "leaf.nanite")
+    opened = nrs.NaniteMesh.open(tmp_path / "leaf.nanite")
+    glass = nrs.Material(base_color=(1, 0, 0, 0.5), alpha_mode="blend")
+    points = np.random.default_rng(0).integers(-80, 80, (20, 3)) / 8.0
+    item = nrs.Assembly([(opened, at(points[:10]), glass), (opened, at(points[10:]))], far_triangles=4_000)
+    whole, single = of(item, at([(0, 0, 0), (0, 16, 0)]))
+    pose, how = nrs.look_at((0, 10, 40), (0, 0, 0)), {"pixel_error": 0, "samples": 4}
+    with (
+        nrs.Renderer(*SIZE, backend=backend, streaming=streaming) as one,
+        nrs.Renderer(*SIZE, backend=backend, streaming=streaming) as other,
+    ):
+        found, want = one.render(whole, CAMERA, pose, **how), other.render(single, CAMERA, pose, **how)
+        assert found.stats.assemblies.expanded == 2
+        assert same(found, want)
 
 
 def test_so_are_its_shadows(backend, tree) -> None:
@@ -351,7 +368,7 @@ def test_pickles_and_copies_hold_each_mesh_once(grove, leaf) -> None:
 
 
 def test_exports_hold_the_parts(tmp_path, tree) -> None:
-    scene = world(sun=False)
+    scene = nrs.Scene()
     scene.add(tree)
     scene.export(tmp_path / "tree.glb", error=0.2)
     assert len(nrs.load_scene(tmp_path / "tree.glb").scene) == len(tree)
