@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import os
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+Precision: TypeAlias = Literal["auto", "exact"] | float
 Color: TypeAlias = "Sequence[float] | NDArray[Any]"
 Rgb: TypeAlias = tuple[float, float, float]
 
@@ -122,6 +123,11 @@ def numbers(value: Any, shape: tuple[int, ...], name: str) -> NDArray[np.float64
     if not np.isfinite(array).all():
         raise ArgumentError(f"{name}: must be finite")
     return array
+
+
+def precision(value: Precision) -> tuple[str, float | None]:
+    """Return what positions of a file are rounded to as the core takes it: a name, or a step."""
+    return (value, None) if isinstance(value, str) else ("auto", number(value, "precision"))
 
 
 def path_of(value: object, name: str = "path") -> str:

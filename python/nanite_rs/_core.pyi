@@ -159,7 +159,13 @@ class BlockBuild:
         self, arrays: dict[str, Any], block: int, progress: Callable[[int, int], object] | None = None
     ) -> None: ...
     def advance(self) -> bool: ...
-    def save(self, path: str | PathLike[str], materials: tuple[str, Sequence[bytes]]) -> int: ...
+    def save(
+        self,
+        path: str | PathLike[str],
+        precision: str,
+        step: float | None,
+        materials: tuple[str, Sequence[bytes]],
+    ) -> int: ...
 
 @final
 class Traffic:

@@ -52,10 +52,14 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
+    from nanite_rs._checks import Precision
     from nanite_rs._progress import Progress
     from nanite_rs.material import Look
 
 __all__ = ["build_file", "build_heightfield"]
+
+_ROUNDED: Final = 32
+"""Steps of the grid of a file of terrain in a tolerance."""
 
 NumberingName: TypeAlias = Literal["piece", "all"]
 
@@ -70,6 +74,7 @@ def build_file(
     resume: bool = False,
     executor: Any = None,
     numbering: NumberingName = "piece",
+    precision: Precision = "auto",
     storage_options: Mapping[str, Any] | None = None,
     progress: Progress = None,
 ) -> NaniteMesh:
@@ -199,14 +204,17 @@ def build_file(
                 resume=resume,
                 executor=executor,
                 numbering=numbering,
+                precision=precision,
                 storage_options=of_folder,
                 progress=progress,
             )
         return NaniteMesh.open(path, storage_options=storage_options)
     target = Path(path)
     shared = numbering == "all"
+    if _checks.precision(precision)[1] is None:
+        _checks.choice(precision, "precision", ("auto", "exact"))
     with _work_folder(target, within, storage_options) as (work, store):
-        _build_in(source, shared, target, limit, options, work, store, resume, executor, progress)
+        _build_in(source, shared, target, limit, options, work, store, resume, executor, precision, progress)
     return NaniteMesh.open(target)
 
 
@@ -230,8 +238,9 @@ def build_heightfield(
 
     Pieces of the array are triangulated by themselves, as by `heightfield`, and go to disk; `build_file` makes the
     file. Which posts of the border between two pieces are vertices depends on the heights along it alone, and
-    they stay where they are: pieces have the same vertices there, bit for bit, and are one surface. No post is
-    farther from a cut than `Cut.error`: that has the tolerance and what files round positions by.
+    they stay where they are: pieces have the same vertices there, bit for bit, and are one surface. Files round
+    positions to steps of a thirty-second of the tolerance or less, and posts are kept within what is left of it: no
+    post is farther from full detail than the tolerance, unless storing coordinates in single precision takes more.
 
     Parameters
     ----------
@@ -270,7 +279,7 @@ def build_heightfield(
     >>> hill = np.exp(-x * x - y * y)
     >>> with TemporaryDirectory() as place:
     ...     built = nrs.build_heightfield(hill, f"{place}/hill.nanite", tolerance=0.01, spacing=0.01, piece=200)
-    ...     bool(built.cut(error=0).error <= 0.01 + built.info["precision"])
+    ...     bool(built.cut(error=0).error <= 0.01)
     True
     """
     path = _checks.path_of(path)
@@ -278,10 +287,13 @@ def build_heightfield(
         raise FormatError(f"{_sources.shown(path)}: the file must end in {io.NANITE_SUFFIX}")
     if not isinstance(options, BuildOptions | None):
         raise no_options(options)
+    tolerance = _checks.not_negative(tolerance, "tolerance")
+    step = tolerance / _ROUNDED
     ground = terrain.Ground(
         heights,
         spacing=spacing,
-        tolerance=tolerance,
+        # A position moves by half the diagonal of a cell of the grid at most.
+        tolerance=tolerance - 0.5 * 3.0**0.5 * step,
         nodata=nodata,
         max_triangles=None,
         fit=fit,
@@ -300,7 +312,7 @@ def build_heightfield(
 
     with tempfile.TemporaryDirectory(prefix="nanite-", dir=within) as aside:
         made = Path(aside) / f"terrain{io.NANITE_SUFFIX}"
-        mesh = build_file(pieces(), made, memory=memory, options=options, progress=progress)
+        mesh = build_file(pieces(), made, memory=memory, options=options, precision=step, progress=progress)
         # Known after the last piece.
         mesh._core = mesh._core.with_source_error(ground.error)
         mesh._materials = looks
@@ -337,6 +349,7 @@ def _build_in(
     store: _work_store.WorkStore | None,
     resume: bool,
     executor: Executor | None,
+    precision: Precision,
     progress: Progress,
 ) -> None:
     """Build with a work folder."""
@@ -353,15 +366,16 @@ def _build_in(
             if _pieces.has_face_channels(arrays):
                 arrays = _pieces.apart(arrays, work / "apart")
             made = _build(arrays, limit, options or BuildOptions(), work, store, executor, progress)
-            made.save(target, _material_files.encoded(looks))
+            made.save(target, *_checks.precision(precision), _material_files.encoded(looks))
         elif file is not None:
-            NaniteMesh.from_file(file, options=options, progress=progress).save(target)
+            mesh = NaniteMesh.from_file(file, options=options, progress=progress)
+            mesh.save(target, precision=precision)
         else:
             given = _pieces.arguments(arrays)
             mesh = NaniteMesh.from_arrays(
                 **given, materials=looks or None, options=options, progress=progress
             )
-            mesh.save(target)
+            mesh.save(target, precision=precision)
         done = True
     except OSError as error:
         said = str(error)

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     import trimesh
     from numpy.typing import ArrayLike, NDArray
 
+    from nanite_rs._checks import Precision
     from nanite_rs._export_packing import Compression, ImageFormat
     from nanite_rs.clusters import Clusters
     from nanite_rs.material import Look
@@ -540,7 +541,7 @@ class NaniteMesh(Geometry):
         self,
         path: io.PathLike,
         *,
-        precision: Literal["auto", "exact"] | float = "auto",
+        precision: Precision = "auto",
         storage_options: Mapping[str, Any] | None = None,
     ) -> None:
         """Write a ``.nanite`` file; an existing one is replaced in one step or not at all.
@@ -616,11 +617,7 @@ class NaniteMesh(Geometry):
             raise FormatError(
                 f"{name}: save writes .nanite files; mesh.cut(error=0).export(path) writes {ending}"
             )
-        how, step = (
-            (precision, None)
-            if isinstance(precision, str)
-            else ("auto", _checks.number(precision, "precision"))
-        )
+        how, step = _checks.precision(precision)
         # What was opened has those of its file, which need not be read to be written.
         looks = None if self._core.material_table else _material_files.encoded(self._materials)
         with _upload.written(path, storage_options) as file:

@@ -30,7 +30,7 @@ pub struct Waves {
     pub rows: Vec<[f32; 2]>,
     /// By cluster in page order, how far a vertex goes at most along each axis, rounded up.
     pub reach: Vec<[f32; 3]>,
-    /// From internal units at rest to those of [`Self::moved`], a power of two.
+    /// From internal units at rest to those of the moved mesh, a power of two.
     pub ratio: f64,
     /// The pages with clusters that may lie anywhere.
     pub table: Vec<PageEntry>,

@@ -6,11 +6,11 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use super::calls::{interruptible, watched};
-use super::mesh::{RawArrays, RawMaterials, build_options};
+use super::mesh::{RawArrays, RawMaterials, build_options, precision_of};
 use crate::build::Meter;
 use crate::config::BuildOptions;
 use crate::external::{Work, memory_of};
-use crate::format::{self, Precision};
+use crate::format;
 use crate::model::Dag;
 
 /// A build in the files of a folder. The arrays of the source are those that it was begun with.
@@ -90,12 +90,20 @@ impl BlockBuild {
     }
 
     /// Writes the file with these materials; returns how many triangles of the source have no area on the grid.
-    fn save(&self, py: Python<'_>, path: PathBuf, materials: RawMaterials) -> PyResult<u64> {
+    fn save(
+        &self,
+        py: Python<'_>,
+        path: PathBuf,
+        precision: &str,
+        step: Option<f64>,
+        materials: RawMaterials,
+    ) -> PyResult<u64> {
+        let precision = precision_of(py, precision, step)?;
         let materials = materials.into();
         interruptible(py, |proceed| {
             let mesh = Dag { materials, ..self.work.finish()? };
             let folder = Some(self.work.folder());
-            format::save_by_way_of(&mesh, &path, Precision::Auto, folder, proceed)
+            format::save_by_way_of(&mesh, &path, precision, folder, proceed)
         })
     }
 }

@@ -103,6 +103,19 @@ impl Waves {
 /// A wave: amplitude, turns per second, turns per unit of length, and channels of weights and of phases.
 type RawWave = ([f64; 3], f64, [f64; 3], Option<String>, Option<String>);
 
+/// What positions of a file are rounded to, by name, or to steps of so many object units.
+pub(super) fn precision_of(py: Python<'_>, name: &str, step: Option<f64>) -> PyResult<Precision> {
+    match (name, step) {
+        (_, Some(step)) => Ok(Precision::Step(step)),
+        ("auto", None) => Ok(Precision::Auto),
+        ("exact", None) => Ok(Precision::Exact),
+        (other, None) => {
+            let message = format!("expected \"auto\", \"exact\" or a number, not {other:?}");
+            Err(argument_error(py, "precision", message))
+        }
+    }
+}
+
 fn to_raise(error: Error) -> PyErr {
     Python::attach(|py| to_python(py, error))
 }
@@ -260,15 +273,7 @@ impl Mesh {
         step: Option<f64>,
         materials: Option<RawMaterials>,
     ) -> PyResult<u64> {
-        let precision = match (precision, step) {
-            (_, Some(step)) => Precision::Step(step),
-            ("auto", None) => Precision::Auto,
-            ("exact", None) => Precision::Exact,
-            (other, None) => {
-                let message = format!("expected \"auto\", \"exact\" or a number, not {other:?}");
-                return Err(argument_error(py, "precision", message));
-            }
-        };
+        let precision = precision_of(py, precision, step)?;
         let looks = materials.map(|materials| Dag { materials: materials.into(), ..(*self.dag).clone() });
         let dag = looks.as_ref().unwrap_or(&self.dag);
         interruptible(py, |proceed| format::save(dag, &path, precision, proceed))

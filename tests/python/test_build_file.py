@@ -283,6 +283,24 @@ def test_the_same_bytes_on_any_number_of_threads(tmp_path) -> None:
     assert found[0] == found[1]
 
 
+@pytest.mark.parametrize("memory", ["4 MB", "4 GiB"])
+def test_positions_are_rounded_as_asked(memory, tmp_path) -> None:
+    source = nrs.shapes.displaced_icosphere(faces=30_000)
+    made = {
+        precision: nrs.build_file(
+            source, tmp_path / f"{precision}.nanite", memory=memory, precision=precision
+        )
+        for precision in ("auto", "exact", 1e-5)
+    }
+    assert made["exact"].info["rounding"] == 0.0
+    assert 0.0 < made[1e-5].info["rounding"] <= 0.5e-5 * 3**0.5
+    assert made["auto"].info["precision"] > 1e-5
+    places = [{tuple(p) for p in mesh.cut(error=0.0).vertices} for mesh in (made["exact"], made["auto"])]
+    assert places[0] == {tuple(p) for p in source[0]} != places[1]
+    with pytest.raises(nrs.ArgumentError, match="precision"):
+        nrs.build_file(source, tmp_path / "a.nanite", memory=memory, precision="fine")
+
+
 def test_what_fits_is_what_memory_makes(tmp_path) -> None:
     vertices, faces = arrays("knot")
     write_ply(tmp_path / "x.ply", vertices.astype(np.float32), faces)
