@@ -177,11 +177,7 @@ def build_file(
     >>> nrs.build_file("tiles/", "terrain.nanite", memory="8 GiB")  # doctest: +SKIP
     >>> nrs.build_file("city.ply", "s3://bucket/city.nanite", memory="8 GiB")  # doctest: +SKIP
     """
-    path = _checks.path_of(path)
-    if _sources.ending(path) != io.NANITE_SUFFIX:
-        raise FormatError(f"{_sources.shown(path)}: the file must end in {io.NANITE_SUFFIX}")
-    if not isinstance(options, BuildOptions | None):
-        raise no_options(options)
+    path = _target(path, options)
     limit = bytes_of(memory)
     resume = _checks.truth(resume, "resume")
     executor = _tasks.executor_of(executor)
@@ -282,11 +278,7 @@ def build_heightfield(
     ...     bool(built.cut(error=0).error <= 0.01)
     True
     """
-    path = _checks.path_of(path)
-    if _sources.ending(path) != io.NANITE_SUFFIX:
-        raise FormatError(f"{_sources.shown(path)}: the file must end in {io.NANITE_SUFFIX}")
-    if not isinstance(options, BuildOptions | None):
-        raise no_options(options)
+    path = _target(path, options)
     tolerance = _checks.not_negative(tolerance, "tolerance")
     step = tolerance / _ROUNDED
     ground = terrain.Ground(
@@ -318,6 +310,16 @@ def build_heightfield(
         mesh._materials = looks
         mesh.save(path, storage_options=storage_options)
     return NaniteMesh.open(path, storage_options=storage_options)
+
+
+def _target(path: io.PathLike, options: BuildOptions | None) -> str:
+    """Where a file is built, and how: both checked."""
+    path = _checks.path_of(path)
+    if _sources.ending(path) != io.NANITE_SUFFIX:
+        raise FormatError(f"{_sources.shown(path)}: the file must end in {io.NANITE_SUFFIX}")
+    if not isinstance(options, BuildOptions | None):
+        raise no_options(options)
+    return path
 
 
 @contextmanager
