@@ -429,7 +429,8 @@ def test_workers_of_every_start_give_the_pictures_of_the_parent(tmp_path) -> Non
 
 
 def test_what_moves_and_what_blends_goes_to_workers(tmp_path) -> None:
-    """Ordinary meshes, updated before and after, and glass: in children that are forked, and that get a pickle."""
+    """Ordinary meshes, updated before and after, glass, wind and groves: in children that are forked, and that get a
+    pickle."""
     (tmp_path / "work.py").write_text(
         textwrap.dedent("""
         import pickle
@@ -459,6 +460,13 @@ def test_what_moves_and_what_blends_goes_to_workers(tmp_path) -> None:
         moving = nrs.TriangleMesh(vertices, faces)
         scene = scene_of(moving)
         scene.add(mesh, material=nrs.Material(base_color=(1, 0, 0, 0.4), alpha_mode="blend"))
+        swaying = nrs.SwayingMesh(mesh, [nrs.Wave((0.3, 0, 0), 0.5, weight="x")])
+        swaying.move(0.4)
+        places = np.tile(np.eye(4), (3, 1, 1))
+        places[:, :3, 3] = [[-2, 1, 0], [0, 1, -2], [2, 1, 0]]
+        grove = nrs.Assembly([(mesh, places)], far_triangles=9_000, progress=False)
+        scene.add(swaying, pose=nrs.look_at((0.0, -1.5, 0.5), (0.0, -1.5, 0.0)))
+        scene.add(grove)
         moving.update(np.float32(0.7) * vertices)
         expected = work.pictures((scene, vertices))
         assert len(set(expected)) == 3
