@@ -429,7 +429,7 @@ def test_workers_of_every_start_give_the_pictures_of_the_parent(tmp_path) -> Non
 
 
 def test_what_moves_and_what_blends_goes_to_workers(tmp_path) -> None:
-    """Ordinary meshes, updated before and after, glass, wind, groves: in forked children, and in those with a pickle."""
+    """Ordinary meshes that are updated, glass, wind, groves: in forked children, and in those that get a pickle."""
     (tmp_path / "work.py").write_text(
         textwrap.dedent("""
         import pickle
