@@ -153,7 +153,7 @@ class SwayingMesh(Geometry, Moving):
     def lipschitz(self) -> float:
         """How much farther apart two points with the same channels may be at any time, as a part of their distance.
 
-        An upper bound: Σ 2π |aₖ| |wₖ| |κₖ|.
+        An upper bound: Σ 2π ‖aₖ‖ · max ‖wₖ‖ · ‖κₖ‖.
         """
         return self._measured.lipschitz
 
