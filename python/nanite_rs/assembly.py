@@ -58,10 +58,10 @@ class Assembly(Shape):
 
     Parameters
     ----------
-    parts : sequence of (item, poses) or (item, poses, material)
-        ``item`` is a `NaniteMesh` or an `Assembly`, ``poses`` a (K, 4, 4) array of matrices from its frame to that
-        of this assembly (one (4, 4) matrix will do), any invertible affine maps. ``material`` is the look of a mesh
-        as for `Scene.add`.
+    parts : sequence of tuples
+        Each ``(item, poses)`` or ``(item, poses, material)``. ``item`` is a `NaniteMesh` or an `Assembly`,
+        ``poses`` a (K, 4, 4) array of matrices from its frame to that of this assembly (one (4, 4) matrix will
+        do), any invertible affine maps. ``material`` is the look of a mesh as for `Scene.add`.
     far : NaniteMesh, optional
         What is drawn from far away, instead of a mesh that is built of the parts.
     far_error : float, optional
