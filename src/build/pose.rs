@@ -18,7 +18,7 @@ use crate::model::{CoordinateFrame, Dag, GeometryId, Group, Motion, Pose};
 /// Rounding of some hundred operations in f64, relative to the result.
 pub(super) const ROUNDING: f64 = 1.0e-10;
 /// How far f32 moves a position whose coordinates are at most 1.
-pub(super) const POSITION_ROUNDING: f64 = 1.0 / (1u64 << 24) as f64;
+pub(super) const COORDINATE_ROUNDING: f64 = 1.0 / (1u64 << 24) as f64;
 
 /// The mesh where joints take it: `matrices` map object space at rest to where each joint takes it. Pages are those of the mesh at
 /// rest.
@@ -137,7 +137,8 @@ fn frame_of(maps: &[Affine], skin: &Skin, rest: &Dag) -> Result<CoordinateFrame>
     let scale = frame::power_of_two_above(largest);
     let stretch = maps.iter().map(affine::norm).fold(0.0, f64::max) / rest.frame.scale;
     let far = origin.iter().fold(0.0f64, |most, x| most.max(x.abs()));
-    let rounding = rest.rounding() * stretch + 3f64.sqrt() * (scale * POSITION_ROUNDING + far * f64::EPSILON);
+    let rounding =
+        rest.rounding() * stretch + 3f64.sqrt() * (scale * COORDINATE_ROUNDING + far * f64::EPSILON);
     Ok(CoordinateFrame { origin, scale, rounding: rounding * (1.0 + ROUNDING) })
 }
 

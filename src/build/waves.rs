@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::pose::{GroupParts, Moved, POSITION_ROUNDING, ROUNDING};
+use super::pose::{COORDINATE_ROUNDING, GroupParts, Moved, ROUNDING};
 use super::rows::{Rows, VALUE_ROUNDING, Vertices, groups_below, made_from_groups};
 use crate::error::{Error, Result};
 use crate::math::sphere::round_up;
@@ -247,7 +247,7 @@ impl Swaying<'_> {
         });
         let rounding = dag.rounding() * (1.0 + lipschitz)
             + turn_rounding.sum::<f64>() * dag.frame.scale
-            + 3f64.sqrt() * scale * POSITION_ROUNDING;
+            + 3f64.sqrt() * scale * COORDINATE_ROUNDING;
         let frame = CoordinateFrame { scale, rounding: rounding * (1.0 + ROUNDING), ..dag.frame };
         let waves = Arc::new(Waves {
             offsets,
