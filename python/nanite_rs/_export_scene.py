@@ -63,8 +63,14 @@ def export(
 
 
 def all_placed(nodes: Iterable[MeshNode]) -> list[Placed]:
-    """What instances show, assemblies part by part."""
-    return [one for n in nodes for one in placed(n.mesh, n.pose, n.material, n.instance_id)]
+    """What instances show, assemblies part by part, each with a name of its own."""
+    out = []
+    for node in nodes:
+        parts = list(placed(node.mesh, node.pose, node.material, node.instance_id))
+        for number, part in enumerate(parts):
+            behind = f"_{number}" if len(parts) > 1 else ""
+            out.append(replace(part, name=f"instance_{node.instance_id}{behind}"))
+    return out
 
 
 def unwritten(scene: Scene, notes: Notes) -> None:
@@ -140,7 +146,7 @@ def _fill(document: Document, scene: Scene, shown: list[Placed], cuts: _Cuts, no
             key = id(cut), look, turn.tobytes()
             if key not in known:
                 known[key] = document.mesh(_turned(Arrays.of(cut, look), turn))
-        document.place(known[key], pose, f"instance_{node.instance_id}")
+        document.place(known[key], pose, node.name)
     for light in scene.lights:
         if light.visible:
             document.shine(light.light, light.pose)
@@ -204,9 +210,8 @@ def _described(path: str, shown: list[Placed], cuts: _Cuts, notes: Notes) -> tup
             face_materials=cut.face_materials,
             face_channels=dict(cut.face_channels),
         )
-        name = f"instance_{node.instance_id}"
-        asset.placed.append((name, len(asset.meshes), node.pose))
-        asset.meshes.append([Part(name, source, list(look))])
+        asset.placed.append((node.name, len(asset.meshes), node.pose))
+        asset.meshes.append([Part(node.name, source, list(look))])
     return asset, single
 
 

@@ -65,7 +65,8 @@ class Assembly(Shape):
     far : NaniteMesh, optional
         What is drawn from far away, instead of a mesh that is built of the parts.
     far_error : float, optional
-        With ``far``: how far it may be from the parts, in the unit of the assembly. Nobody checks it.
+        With ``far``: how far its full detail may be from the parts, in the unit of the assembly, beyond what it
+        states itself: 0 for the `far` of another assembly of the same parts. Nobody checks it.
     far_triangles : int
         Triangles of which the mesh is built, at most: all parts are cut for the smallest error with so few.
     options : BuildOptions, optional
@@ -396,6 +397,7 @@ class Placed:
     pose: NDArray[np.float64]
     material: Look
     instance_id: int
+    name: str = ""
 
 
 def placed(mesh: Any, pose: NDArray[np.float64], material: Look, instance_id: int) -> Iterator[Placed]:

@@ -40,6 +40,7 @@ from nanite_rs.exceptions import (
     DtypeError,
     FileError,
     FormatError,
+    MissingFileError,
     NaniteError,
     WorkerError,
 )
@@ -134,6 +135,8 @@ def build_file(
     numbering : {"piece", "all"}, default "piece"
         Which vertices faces of pieces count from 0: those of their piece, or those of all pieces, of which later
         ones may come later. Each is then given once, so that pieces share vertices.
+    precision : "auto", "exact" or float, default "auto"
+        What positions are rounded to: as for `NaniteMesh.save`.
     storage_options : mapping, optional
         Of URLs: as for `NaniteMesh.open`.
     progress : bool or callable, optional
@@ -302,13 +305,16 @@ def build_heightfield(
             vertices, uvs = ground.placed(posts, values)
             yield vertices, faces, {"uvs": uvs}
 
+    if within is not None and not Path(within).is_dir():
+        raise MissingFileError(errno.ENOENT, os.strerror(errno.ENOENT), str(within))
     with tempfile.TemporaryDirectory(prefix="nanite-", dir=within) as aside:
         made = Path(aside) / f"terrain{io.NANITE_SUFFIX}"
         mesh = build_file(pieces(), made, memory=memory, options=options, precision=step, progress=progress)
         # Known after the last piece.
         mesh._core = mesh._core.with_source_error(ground.error)
         mesh._materials = looks
-        mesh.save(path, storage_options=storage_options)
+        # On its grid already, or as it is where f32 is as coarse as the grid would be.
+        mesh.save(path, precision="exact", storage_options=storage_options)
     return NaniteMesh.open(path, storage_options=storage_options)
 
 

@@ -537,7 +537,7 @@ class Renderer(_advice.Teaching):
         ----------
         items : iterable of tuples
             Scenes, cameras and poses, each as for `render`. Scenes may be shared; put items of one scene behind
-            each other.
+            each other. All are taken before anything is drawn: what is moved in between is seen as it is last.
         outputs : sequence of str
             Which arrays, by the names that `render` knows.
         out : mapping of names to arrays, optional

@@ -428,7 +428,7 @@ class Scene(_advice.Teaching):
 
         Parameters
         ----------
-        item : NaniteMesh, SkinnedMesh, TriangleMesh, Assembly, Points or Lines
+        item : NaniteMesh, SkinnedMesh, SwayingMesh, TriangleMesh, Assembly, Points or Lines
             What to add, as for `add`. Of what is made of a mesh of trimesh there is one.
         poses : (N, 4, 4) array
             Object-to-world matrices.

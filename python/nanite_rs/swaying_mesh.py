@@ -32,10 +32,10 @@ class Wave:
     amplitude : (3,)
         a: how far a vertex of weight 1 goes at most, and which way, in the mesh's units.
     frequency : float
-        f: how often it comes and goes, hertz.
+        f: how often it comes and goes, hertz, with t in seconds; of any sign.
     vector : (3,)
-        κ: turns per unit of length along each axis, as waves that run through the mesh have them. By default all
-        vertices turn together.
+        κ: turns per unit of length along each axis, as waves that run through the mesh have them, towards −κ where
+        the frequency is above 0. By default all vertices turn together.
     weight : str, optional
         w: a floating-point channel of one column; 1 without one.
     offset : str, optional

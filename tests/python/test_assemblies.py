@@ -374,6 +374,27 @@ def test_exports_hold_the_parts(tmp_path, tree) -> None:
     assert len(nrs.load_scene(tmp_path / "tree.glb").scene) == len(tree)
 
 
+def test_exports_as_usd_hold_the_parts(tmp_path, leaf) -> None:
+    usd = pytest.importorskip("pxr.Usd", reason="usd-core is not installed")
+    places = [[0.0, 0, 0], [3, 0, 0], [6, 1, 0]]
+    scene = nrs.Scene()
+    scene.add_many(nrs.Assembly([(leaf, at(places))], far=leaf, far_error=9.0), at([[0.0, 0, 0], [0, 0, 20]]))
+    scene.add(leaf, pose=at([[0.0, 40, 0]])[0])
+    scene.export(tmp_path / "a.usda", error=0.2)
+    geom = pytest.importorskip("pxr.UsdGeom")
+    stage = usd.Stage.Open(str(tmp_path / "a.usda"))
+    nodes = stage.GetPrimAtPath("/scene").GetChildren()
+    found = [geom.Xformable(node).GetLocalTransformation().ExtractTranslation() for node in nodes]
+    expected = np.concatenate([places, np.add(places, [0, 0, 20]), [[0, 40, 0]]])
+    assert sorted(tuple(f) for f in found) == sorted(tuple(row) for row in expected.tolist())
+
+
+def test_far_meshes_serve_other_assemblies(tree) -> None:
+    """What a far mesh states itself is not counted again."""
+    again = nrs.Assembly(tree.parts, far=tree.far, far_error=0.0)
+    assert tree.far_error <= again.far_error <= tree.far_error * (1.0 + 1e-12)
+
+
 def test_memory_follows_the_parts(leaf) -> None:
     rng = np.random.default_rng(0)
     few, many = (

@@ -347,7 +347,10 @@ def test_displace_and_terrain_build_what_they_say(tmp_path, capsys):
     on_disk = ["-o", output, "--tolerance", "2", "--memory", "1MB"]
     assert cli.main(["terrain", str(tmp_path / "waves.npy"), *on_disk]) == 0
     assert "32 x 32 posts" in capsys.readouterr().out
-    assert len(nrs.NaniteMesh.open(output)) == count
+    # Files larger than memory keep a part of the tolerance for their grid.
+    stored = nrs.NaniteMesh.open(output)
+    assert count <= len(stored) < 1.2 * count
+    assert stored.cut(error=0).error <= 2.0
     np.arange(10, dtype=">i2").tofile(tmp_path / "odd.hgt")
     assert cli.main(["terrain", str(tmp_path / "odd.hgt"), "-o", output, "--tolerance", "2"]) != 0
     assert "no square" in capsys.readouterr().err

@@ -230,8 +230,19 @@ def test_files_of_terrain_keep_holes_materials_and_texture_coordinates(tmp_path)
     assert np.abs(cut.uvs[0] - expected).max() <= 2 * mesh.info["precision"] / 120
 
 
+@pytest.mark.parametrize("memory", ["300 kB", "4 GiB"])
+def test_files_of_terrain_are_as_fine_as_asked(memory, tmp_path):
+    """A grid that single precision is as coarse as is left out, and nothing is rounded to another one."""
+    heights = np.random.default_rng(0).normal(size=(100, 120))
+    for tolerance in (1e-3, 2e-4, 1e-4, 2e-5):
+        mesh = nrs.build_heightfield(heights, tmp_path / "a.nanite", tolerance=tolerance, memory=memory)
+        assert 0.0 < mesh.cut(error=0.0).error <= tolerance
+
+
 def test_files_of_terrain_are_made_whole_or_not_at_all(tmp_path):
     file = tmp_path / "a.nanite"
+    with pytest.raises(nrs.MissingFileError, match="nowhere"):
+        nrs.build_heightfield(hills(9, 9), tmp_path / "nowhere" / "a.nanite", tolerance=1.0)
     with pytest.raises(nrs.FormatError, match=r"must end in \.nanite"):
         nrs.build_heightfield(hills(9, 9), tmp_path / "a.ply", tolerance=1.0)
     with pytest.raises(nrs.ArgumentError, match="tolerance: must be above 0"):
