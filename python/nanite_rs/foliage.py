@@ -383,10 +383,11 @@ def breeze(
     length = float(np.linalg.norm(way))
     if length == 0.0:
         raise ArgumentError("direction: must not be 0")
-    axis = np.eye(3)[get_args(Up).index(up)]
+    number = get_args(Up).index(up)
+    axis = np.eye(3)[number]
     way = way / length
     across = np.cross(way, axis)
-    top = strength * float(np.ptp(mesh.bounds[:, get_args(Up).index(up)])) / 30.0
+    top = strength * float(np.ptp(mesh.bounds[:, number])) / 30.0
 
     def wave(vector: NDArray[np.float64], frequency: float, weight: str, offset: str | None = None) -> Wave:
         x, y, z = vector.tolist()

@@ -205,9 +205,8 @@ impl Expansion {
             .par_iter()
             .with_min_len(PER_TASK)
             .map(|slot| match slots.at(*slot as usize) {
-                Some(Instance { visible: true, assembly: Some(assembly), .. }) => {
-                    let instance = slots.at(*slot as usize);
-                    instance.map_or(Choice::Outside, |i| choose(&spectators, assembly, i.pose(), i.scale()))
+                Some(instance @ Instance { visible: true, assembly: Some(assembly), .. }) => {
+                    choose(&spectators, assembly, instance.pose(), instance.scale())
                 }
                 _ => Choice::Outside,
             })
